@@ -1,0 +1,66 @@
+"""What a file held, before anyone interprets it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from retarget.character import Character, Mesh, Motion, PointCloud
+from retarget.errors import FileError, unknown_name
+
+
+@dataclass(frozen=True)
+class Convention:
+    """What the file itself says of its space; None where it is silent (BVH, OBJ and PLY always are)."""
+
+    metres_per_unit: float | None = None
+    up: str | None = None
+    """'+y', '+z' or another signed axis."""
+    forward: str | None = None
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One animation of a file, without its data."""
+
+    name: str
+    frames: int
+    fps: float
+
+
+@dataclass(frozen=True, eq=False)
+class Asset:
+    """What one file held, in the file's own units and axes."""
+
+    path: Path
+    kind: str
+    """'motion' (skeleton and clips), 'character' (with a skin), 'mesh' or 'points'."""
+    character: Character | None = None
+    """Skeleton, and surface where the file has one; present for the kinds 'motion' and 'character'."""
+    mesh: Mesh | None = None
+    """The bare surface of a 'mesh'."""
+    points: PointCloud | None = None
+    """The cloud of a file of kind 'points'."""
+    clips: tuple[Clip, ...] = ()
+    convention: Convention = field(default_factory=Convention)
+    notes: tuple[str, ...] = ()
+    """Faults found, repairs made and content passed over, one sentence each."""
+    read_clip: Callable[[int], Motion] | None = None
+    """Decodes one clip; files with dozens of clips are not decoded for the one that is wanted."""
+
+    def motion(self, clip: str | int | None = None) -> Motion:
+        """One clip of the file: by name, by number, or the only one (the first, where there are several).
+
+        Raises `FileError` if the file holds no clip, `RetargetError` if none has that name.
+        """
+        if not self.clips or self.read_clip is None:
+            raise FileError(self.path, "holds no animation clip")
+        names = [each.name for each in self.clips]
+        if isinstance(clip, str):
+            if clip not in names:
+                raise unknown_name("clip", clip, names, str(self.path))
+            clip = names.index(clip)
+        if clip is not None and not 0 <= clip < len(names):
+            raise FileError(self.path, f"has {len(names)} clips, numbered from 0; received {clip}")
+        return self.read_clip(clip or 0)

@@ -1,0 +1,22 @@
+"""Array shapes named in the types are checked while the tests run (and only then)."""
+
+import os
+from pathlib import Path
+
+import pytest
+from jaxtyping import install_import_hook
+
+hook = install_import_hook("retarget", "beartype.beartype")
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of real files; tests that want it are skipped where it is absent."""
+    if not DATA.is_dir():
+        pytest.skip("real files are not at hand")
+    return DATA
