@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from retarget.errors import FileError
+from retarget.character import Character, Motion
+from retarget.errors import FileError, RetargetError
 from retarget.io.asset import Asset
 
 # Module that reads each suffix; imported only when a file of that kind is met.
@@ -16,16 +19,55 @@ READERS = {
     ".obj": "retarget.io.obj_ply",
     ".ply": "retarget.io.obj_ply",
 }
+MOTION_SUFFIXES = (".bvh", ".glb", ".gltf")
+"""Formats that can hold animation."""
 
 
 def load(path: str | Path) -> Asset:
     """Read any supported file. Raises `FileError` naming the file, the place and the cure."""
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in READERS:
-        raise FileError(path, f"unknown suffix {suffix!r}; supported: {' '.join(sorted(READERS))}")
     if not path.exists():
         raise FileError(path, "no such file")
+    if suffix not in READERS:
+        raise FileError(path, f"unknown suffix {suffix!r}; supported: {' '.join(sorted(READERS))}")
     if not path.is_file():
         raise FileError(path, "is not a file")
-    return importlib.import_module(READERS[suffix]).load(path)
+    try:
+        return importlib.import_module(READERS[suffix]).load(path)
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    except FileError:
+        raise
+    except RetargetError as error:  # a noun refused what the file holds
+        raise FileError(path, str(error)) from None
+
+
+def save(path: str | Path, character: Character, motions: Sequence[Motion], *, animation_only: bool = False, **options: Any) -> None:
+    """Write a character with its motions (glTF), or one motion alone (BVH).
+
+    The file appears whole or not at all. Raises `FileError` for a suffix that cannot hold it or a folder that cannot be
+    written.
+    """
+    path = Path(path)
+    check_output(path)
+    try:
+        if path.suffix.lower() == ".bvh":
+            if len(motions) != 1:
+                raise FileError(path, f"a BVH file holds one clip, received {len(motions)}; write one file a clip, or a .glb")
+            importlib.import_module("retarget.io.bvh").save(path, motions[0])
+        else:
+            importlib.import_module("retarget.io.gltf").save(path, character, motions, animation_only=animation_only, **options)
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+
+
+def check_output(path: str | Path) -> None:
+    """Refuse an output that could not be written, before any work is done. Raises `FileError`."""
+    path = Path(path)
+    if path.suffix.lower() not in MOTION_SUFFIXES:
+        raise FileError(path, f"cannot write {path.suffix or 'a file without suffix'!r}; use {', '.join(MOTION_SUFFIXES)}")
+    if path.is_dir():
+        raise FileError(path, "is a folder")
+    if not path.parent.is_dir():
+        raise FileError(path, f"the folder {path.parent} does not exist")

@@ -1,0 +1,12 @@
+"""Benches by name; each module has `run(quick) -> report` with a flat `summary`, `rows`, `environment` and `lines`."""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+BENCHES = {"skeletal": "retarget.evaluate.benches.skeletal"}
+
+
+def load_bench(name: str) -> ModuleType:
+    return importlib.import_module(BENCHES[name])

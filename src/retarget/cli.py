@@ -1,0 +1,188 @@
+"""The command line: one subcommand per public function.
+
+Nothing heavy is imported before a subcommand runs, so `retarget --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from retarget.evaluate.formulas import FORMULAS
+
+app = typer.Typer(
+    name="retarget",
+    help="Any motion onto any body.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+log = logging.getLogger("retarget")
+
+File = Annotated[Path, typer.Argument(show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what was inferred.")]
+Up = Annotated[Optional[str], typer.Option(help="Up axis of the source: +y, +z, ... (inferred if not given).", show_default=False)]
+Unit = Annotated[Optional[float], typer.Option(help="Metres per unit of the source (inferred if not given).", show_default=False)]
+
+
+def main() -> None:
+    """Entry point: user mistakes become one line on standard error and exit code 2."""
+    from retarget.errors import RetargetError
+
+    try:
+        app()
+    except RetargetError as error:
+        print(f"retarget: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("retarget: interrupted", file=sys.stderr)
+        sys.exit(130)
+    except BrokenPipeError:  # the reader of our output went away; not an error of the user's
+        sys.stderr.close()
+        sys.exit(0)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from retarget import __version__
+
+        print(__version__)
+        raise typer.Exit()
+
+
+@app.callback()
+def _common(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False) -> None:
+    pass
+
+
+def _listen(verbose: bool) -> None:
+    logging.basicConfig(format="%(message)s", level=logging.INFO if verbose else logging.WARNING, stream=sys.stderr, force=True)
+
+
+@app.command()
+def run(
+    inputs: Annotated[list[Path], typer.Argument(help="Motions (files or folders), and last the character.", show_default=False)],
+    output: Annotated[Path, typer.Option("--output", "-o", help="File, or folder when several results come out.", show_default=False)],
+    clip: Annotated[Optional[str], typer.Option(help="Name of the clip, for files with several.", show_default=False)] = None,
+    all_clips: Annotated[bool, typer.Option("--all-clips", help="Every clip of every motion file.")] = False,
+    start: Annotated[Optional[float], typer.Option(help="First second to take.", show_default=False)] = None,
+    end: Annotated[Optional[float], typer.Option(help="Last second to take.", show_default=False)] = None,
+    fps: Annotated[Optional[float], typer.Option(help="Frame rate of the result (the source's if not given).", show_default=False)] = None,
+    method: Annotated[str, typer.Option(help="Method, by name.")] = "auto",
+    in_place: Annotated[bool, typer.Option("--in-place", help="Drop the horizontal path.")] = False,
+    foot_lock: Annotated[bool, typer.Option("--foot-lock/--no-foot-lock", help="Hold what rests on the ground.")] = True,
+    animation_only: Annotated[bool, typer.Option("--animation-only", help="Write joints and animation, no surface.")] = False,
+    map_file: Annotated[Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)] = None,
+    up: Up = None,
+    unit: Unit = None,
+    target_up: Annotated[Optional[str], typer.Option(help="Up axis of the character.", show_default=False)] = None,
+    target_unit: Annotated[Optional[float], typer.Option(help="Metres per unit of the character.", show_default=False)] = None,
+    as_json: Json = False,
+    verbose: Verbose = False,
+) -> None:
+    """Put motions on a character: `retarget run dance.bvh knight.glb -o knight_dance.glb`."""
+    _listen(verbose)
+    from retarget.commands import Order, run_order
+
+    if len(inputs) < 2:
+        raise typer.BadParameter("give at least one motion and, last, the character", param_hint="inputs")
+    order = Order(
+        motions=tuple(inputs[:-1]), target=inputs[-1], output=output, clip=clip, all_clips=all_clips, start=start, end=end,
+        fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock}, animation_only=animation_only,
+        map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
+    )  # fmt: skip
+    _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
+
+
+def _say(report: dict, as_json: bool) -> None:
+    """One JSON object, or the report's own lines when someone is reading."""
+    if as_json:
+        import json
+
+        print(json.dumps(report, indent=2))
+        return
+    for line in report["lines"]:
+        print(line)
+
+
+@app.command()
+def info(file: File, as_json: Json = False) -> None:
+    """What a file holds: kind, units, up axis, facing, joints with canonical names and confidence, clips, faults."""
+    from retarget.commands import describe
+
+    _say(describe(file), as_json)
+
+
+@app.command("map")
+def map_(
+    source: File,
+    target: File,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The map file to write (TOML).", show_default=False)],
+) -> None:
+    """Write the joint mapping between two files, to check, edit and reuse with `run --map`."""
+    from retarget.commands import write_joint_map
+
+    _say(write_joint_map(source, target, output), False)
+
+
+@app.command()
+def body(
+    output: Annotated[Path, typer.Option("--output", "-o", help="The .glb to write.", show_default=False)],
+    preset: Annotated[Optional[str], typer.Option(help="thin, heavy, child, muscular, ... as a start.", show_default=False)] = None,
+    gender: Annotated[Optional[float], typer.Option(help="0 female to 1 male.", show_default=False)] = None,
+    age: Annotated[Optional[float], typer.Option(help="0 baby, 0.25 child, 0.5 adult, 1 old.", show_default=False)] = None,
+    muscle: Annotated[Optional[float], typer.Option(help="0 to 1.", show_default=False)] = None,
+    weight: Annotated[Optional[float], typer.Option(help="0 to 1; beyond extrapolates.", show_default=False)] = None,
+    height: Annotated[Optional[float], typer.Option(help="Metres.", show_default=False)] = None,
+    proportions: Annotated[Optional[float], typer.Option(help="0 to 1.", show_default=False)] = None,
+    shape: Annotated[Optional[list[str]], typer.Option(help="A finer component, NAME=VALUE; may be repeated.", show_default=False)] = None,
+    motion: Annotated[Optional[str], typer.Option(help="An embedded motion to perform (see `retarget motions`).", show_default=False)] = None,
+) -> None:
+    """Write the embedded parametric human: `retarget body --weight 0.9 --height 1.6 --age 0.3 -o child.glb`."""
+    from retarget.commands import write_body
+
+    given = dict(gender=gender, age=age, muscle=muscle, weight=weight, height=height, proportions=proportions)
+    _say(write_body(output, preset, {name: value for name, value in given.items() if value is not None}, shape or [], motion), False)
+
+
+@app.command()
+def motions() -> None:
+    """List the embedded motions."""
+    from retarget.commands import list_motions
+
+    _say(list_motions(), False)
+
+
+@app.command()
+def picture(
+    files: Annotated[list[Path], typer.Argument(help="Animated characters or motions, one a row.", show_default=False)],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The .png to write.", show_default=False)],
+    frames: Annotated[int, typer.Option(help="Pictures a row.", min=1, max=32)] = 8,
+    size: Annotated[int, typer.Option(help="Height of a picture in pixels.", min=64, max=2048)] = 512,
+    view: Annotated[str, typer.Option(help="three-quarter, front, side, back, or degrees.")] = "three-quarter",
+    clip: Annotated[Optional[str], typer.Option(help="Name of the clip (the last one if not given).", show_default=False)] = None,
+) -> None:
+    """Draw frames side by side, several files as rows."""
+    from retarget.commands import draw
+
+    _say(draw(files, output, frames, size, view, clip), False)
+
+
+@app.command(epilog="\n\n".join(f"{key}: {sentence}." for key, sentence in FORMULAS.items()))
+def bench(
+    name: Annotated[str, typer.Argument(help="skeletal")],
+    quick: Annotated[bool, typer.Option("--quick", help="An honest subset in at most 45 s.")] = False,
+    json_file: Annotated[Optional[Path], typer.Option("--json", help="Also write everything to this file.", show_default=False)] = None,
+    verbose: Verbose = False,
+) -> None:
+    """Measure the methods on fixed cases, all in one run."""
+    _listen(verbose)
+    from retarget.commands import run_bench
+
+    _say(run_bench(name, quick, json_file), False)

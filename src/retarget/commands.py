@@ -1,0 +1,317 @@
+"""What the subcommands do. Each returns a report: a dict for `--json`, whose `lines` are what a person reads."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from retarget.character import Motion
+from retarget.errors import FileError, MatchError, RetargetError
+from retarget.io import MOTION_SUFFIXES, check_output, load
+from retarget.io.asset import Asset
+from retarget.methods.base import Result
+from retarget.motion.filter import cut, resample
+from retarget.retargeting import Hints, Production, cast, prepare, save_result
+
+log = logging.getLogger("retarget")
+
+
+@dataclass(frozen=True)
+class Order:
+    """What `retarget run` was asked for."""
+
+    motions: tuple[Path, ...]
+    target: Path
+    output: Path
+    clip: str | None = None
+    all_clips: bool = False
+    start: float | None = None
+    end: float | None = None
+    fps: float | None = None
+    method: str = "auto"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    animation_only: bool = False
+    map_file: Path | None = None
+    up: str | None = None
+    unit: float | None = None
+    target_up: str | None = None
+    target_unit: float | None = None
+
+
+def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
+    """Retarget every motion onto the target and write the results."""
+    files = list(_motion_files(order.motions))
+    one_file_each = order.output.is_dir() or not order.output.suffix
+    if one_file_each:
+        order.output.mkdir(parents=True, exist_ok=True)
+    else:
+        check_output(order.output)
+    source_hints, target_hints = _hints(order)
+    target_asset = load(order.target)
+    target = cast(target_asset, target_hints)
+    done, waiting = [], []
+    with _progress(progress, len(files)) as advance:
+        for file in files:
+            asset = load(file)
+            for clip in _wanted_clips(asset, order):
+                motion = _trimmed(asset.motion(clip), order)
+                production = prepare(cast(asset, source_hints, motion), target, order.method, **order.settings)
+                started = time.perf_counter()
+                result = production(motion)
+                done.append(_report_clip(file, motion, result, production, time.perf_counter() - started))
+                waiting.append((result, production))
+            if one_file_each:
+                name = order.output / f"{file.stem}_{order.target.stem}{_suffix(order.target)}"
+                _write(name, waiting, target_asset, order, done)
+                waiting = []
+            advance()
+    if not one_file_each:
+        _write(order.output, waiting, target_asset, order, done)
+    lines = [line for each in done for line in _lines_of(each)]
+    return {"clips": done, "lines": lines}
+
+
+def _write(path: Path, waiting: list[tuple[Result, Production]], target: Asset, order: Order, done: list[dict]) -> None:
+    save_result(path, [result for result, _ in waiting], waiting[0][1], target.character, animation_only=order.animation_only)
+    for each in done[len(done) - len(waiting) :]:
+        each["output"] = str(path)
+
+
+def _suffix(target: Path) -> str:
+    return target.suffix.lower() if target.suffix.lower() in MOTION_SUFFIXES else ".glb"
+
+
+def _motion_files(inputs: tuple[Path, ...]) -> Iterator[Path]:
+    for path in inputs:
+        if path.is_dir():
+            found = sorted(file for file in path.iterdir() if file.suffix.lower() in MOTION_SUFFIXES)
+            if not found:
+                raise FileError(path, f"the folder holds no motion ({', '.join(MOTION_SUFFIXES)})")
+            yield from found
+        else:
+            yield path
+
+
+def _hints(order: Order) -> tuple[Hints, Hints]:
+    source_joints = target_joints = None
+    if order.map_file is not None:
+        from retarget.correspond.map_file import read_map
+
+        source_joints, target_joints = read_map(order.map_file)
+    return Hints(source_joints, order.up, order.unit), Hints(target_joints, order.target_up, order.target_unit)
+
+
+def _wanted_clips(asset: Asset, order: Order) -> list[int]:
+    names = [clip.name for clip in asset.clips]
+    if order.clip is not None:
+        asset_motion_names = [name for name in names if name == order.clip]
+        if not asset_motion_names:
+            asset.motion(order.clip)  # raises, naming the nearest
+        return [names.index(order.clip)]
+    if order.all_clips:
+        return list(range(len(names)))
+    if len(names) > 1:
+        log.warning("%s holds %d clips; taking the first, %r (--clip NAME or --all-clips to choose)", asset.path, len(names), names[0])
+    return [0]
+
+
+def _trimmed(motion: Motion, order: Order) -> Motion:
+    if order.start is not None or order.end is not None:
+        motion = cut(motion, order.start, order.end)
+    return resample(motion, order.fps) if order.fps is not None else motion
+
+
+def _report_clip(file: Path, motion: Motion, result: Result, production: Production, seconds: float) -> dict[str, Any]:
+    matched = lambda actor: {name: actor.skeleton.names[joint] for name, joint in actor.humanoid.joints.items()}  # noqa: E731
+    for note in result.stats["notes"]:
+        log.info("%s: %s", file, note)
+    return {
+        "motion": str(file),
+        "clip": motion.name,
+        "frames": len(motion),
+        "fps": motion.fps,
+        "status": result.status,
+        "solve_seconds": round(seconds, 4),
+        "source_joints": matched(production.source),
+        "target_joints": matched(production.target),
+        "stats": result.stats,
+    }
+
+
+def _lines_of(clip: Mapping[str, Any]) -> list[str]:
+    seconds = (clip["frames"] - 1) / clip["fps"]
+    line = f"{clip['motion']} [{clip['clip']}] -> {clip['output']}: {clip['frames']} frames, {seconds:.2f} s at {clip['fps']:g} fps"
+    return [line if clip["status"] == "ok" else f"{line} ({clip['status']})"]
+
+
+@contextmanager
+def _progress(shown: bool, total: int) -> Iterator[Any]:
+    """A progress bar on standard error when someone watches and there is more than one file."""
+    if not shown or total < 2:
+        yield lambda: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("retargeting", total=total)
+        yield lambda: bar.advance(task)
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """What a file holds and what is inferred of it."""
+    asset = load(path)
+    report: dict[str, Any] = {
+        "file": str(path),
+        "kind": asset.kind,
+        "clips": [{"name": clip.name, "frames": clip.frames, "fps": clip.fps} for clip in asset.clips],
+        "stated": {"metres_per_unit": asset.convention.metres_per_unit, "up": asset.convention.up},
+        "faults": list(asset.notes),
+    }
+    mesh = asset.character.mesh if asset.character is not None else asset.mesh
+    if mesh is not None:
+        report["vertices"], report["faces"] = len(mesh.vertices), len(mesh.faces)
+    if asset.points is not None:
+        report["points"] = len(asset.points.points)
+    if asset.character is not None:
+        report |= _describe_skeleton(asset)
+    report["lines"] = list(_describe_lines(report))
+    return report
+
+
+def _describe_skeleton(asset: Asset) -> dict[str, Any]:
+    from retarget.motion.align import facing_name
+
+    skeleton = asset.character.skeleton
+    found: dict[str, Any] = {"joints": list(skeleton.names)}
+    try:
+        motion = asset.motion(0) if asset.clips else None
+        actor = cast(asset, motion=motion)
+    except MatchError as error:
+        return found | {"humanoid": None, "why_not": str(error)}
+    humanoid = actor.humanoid
+    return found | {
+        "humanoid": {
+            name: {"joint": skeleton.names[joint], "confidence": round(humanoid.confidence[name], 3)}
+            for name, joint in humanoid.joints.items()
+        },
+        "twist_joints": [skeleton.names[joint] for joint in humanoid.twists],
+        "matched_by": humanoid.evidence,
+        "metres_per_unit": actor.house_from_file.scale,
+        "height_m": round(actor.height, 4),
+        "facing_after_turning_upright": facing_name(humanoid.axes),
+        "inferred": list(actor.notes),
+    }
+
+
+def _describe_lines(report: Mapping[str, Any]) -> Iterator[str]:
+    yield f"{report['file']}: {report['kind']}"
+    if "vertices" in report:
+        yield f"  surface    {report['vertices']} vertices, {report['faces']} faces"
+    if "points" in report:
+        yield f"  points     {report['points']}"
+    if "joints" in report:
+        yield f"  skeleton   {len(report['joints'])} joints"
+    if report.get("humanoid"):
+        yield f"  height     {report['height_m']:.3f} m ({report['metres_per_unit']:g} metres per unit)"
+        yield f"  facing     {report['facing_after_turning_upright']} with +y up"
+        for note in report["inferred"]:
+            yield f"  inferred   {note}"
+        yield f"  humanoid   {len(report['humanoid'])} joints matched by {report['matched_by']}"
+        for name, match in report["humanoid"].items():
+            yield f"    {name:26} {match['joint']:28} {match['confidence']:.2f}"
+    elif "why_not" in report:
+        yield f"  humanoid   no: {report['why_not']}"
+    for clip in report["clips"]:
+        yield f"  clip       {clip['name']!r}: {clip['frames']} frames at {clip['fps']:g} fps"
+    for fault in report["faults"]:
+        yield f"  note       {fault}"
+
+
+def write_joint_map(source: Path, target: Path, output: Path) -> dict[str, Any]:
+    """Match two files and write the mapping."""
+    from retarget.correspond.map_file import write_map
+
+    sides = []
+    for path in (source, target):
+        asset = load(path)
+        actor = cast(asset)
+        sides += [actor.humanoid, actor.skeleton]
+    write_map(output, *sides)
+    shared = set(sides[0].joints) & set(sides[2].joints)
+    return {"lines": [f"{output}: {len(shared)} joints shared; edit it and hand it to `retarget run --map {output}`"]}
+
+
+def write_body(output: Path, preset: str | None, shape: Mapping[str, float], components: list[str], motion: str | None) -> dict[str, Any]:
+    """Write the embedded human, still or performing an embedded motion."""
+    from retarget.body.human import human
+    from retarget.body.kinematics import rest_pose
+    from retarget.io import save
+
+    check_output(output)
+    finer = {}
+    for text in components:
+        name, equals, value = text.partition("=")
+        try:
+            finer[name] = float(value)
+        except ValueError:
+            raise RetargetError(f"--shape takes NAME=VALUE with a number, received {text!r}") from None
+    character = human(preset=preset, **shape, **finer)
+    clips = []
+    if motion is not None:
+        from retarget.motion.library import embedded_motion
+
+        clips = [prepare(cast(human()), cast(character))(embedded_motion(motion)).motion]
+    save(output, character, clips)
+    _, joints = rest_pose(character.skeleton)
+    tall = float(character.mesh.vertices[:, 1].max() - character.mesh.vertices[:, 1].min())
+    return {"lines": [f"{output}: {tall:.3f} m tall, {len(character.mesh.vertices)} vertices, {len(joints)} joints"]}
+
+
+def list_motions() -> dict[str, Any]:
+    """Names and lengths of the embedded motions."""
+    from retarget.motion.library import embedded_motion, motion_names
+
+    clips = [embedded_motion(name) for name in motion_names()]
+    return {"lines": [f"{clip.name:28} {clip.seconds:.1f} s, {len(clip)} frames at {clip.fps:g} fps" for clip in clips]}
+
+
+def draw(files: list[Path], output: Path, frames: int, size: int, view: str, clip: str | None) -> dict[str, Any]:
+    """Write a picture sheet, one row a file."""
+    from retarget.view.picture import save_png, sheet
+    from retarget.view.rows import file_row
+
+    if output.suffix.lower() != ".png":
+        raise FileError(output, "pictures are written as .png")
+    image = sheet([file_row(path, frames, clip) for path in files], size=size, view=_direction(view))
+    save_png(output, image)
+    return {"lines": [f"{output}: {image.shape[1]} x {image.shape[0]} pixels"]}
+
+
+def _direction(view: str) -> str | float:
+    try:
+        return float(view)
+    except ValueError:
+        return view
+
+
+def run_bench(name: str, quick: bool, json_file: Path | None) -> dict[str, Any]:
+    """Run a bench and print its table."""
+    import json
+
+    from retarget.errors import unknown_name
+    from retarget.evaluate.benches import BENCHES, load_bench
+
+    if name not in BENCHES:
+        raise unknown_name("bench", name, BENCHES, "this version")
+    report = load_bench(name).run(quick=quick)
+    if json_file is not None:
+        temporary = json_file.with_name(json_file.name + ".part")
+        temporary.write_text(json.dumps({key: value for key, value in report.items() if key != "lines"}, indent=1))
+        temporary.replace(json_file)
+    return report

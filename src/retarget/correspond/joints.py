@@ -1,0 +1,258 @@
+"""Joint matching: which joint of any skeleton is which joint of a human."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from retarget.character import Skeleton
+from retarget.correspond import joints_detail as detail
+from retarget.correspond.joints_by_name import NameScores, score_names
+from retarget.correspond.joints_by_shape import LIMB_PARTS, Body, Limb, Tree, bodies, build_tree
+from retarget.correspond.sides import body_axes, left_evidence, name_evidence, weigh
+from retarget.errors import MatchError, RetargetError, unknown_name
+
+Array = np.ndarray
+
+_SIDED = (
+    "UpperLeg", "LowerLeg", "Foot", "Toes", "Shoulder", "UpperArm", "LowerArm", "Hand",
+    "ThumbMetacarpal", "ThumbProximal", "ThumbDistal",
+    *(finger + bone for finger in ("Index", "Middle", "Ring", "Little") for bone in detail.PHALANGES),
+)  # fmt: skip
+HUMANOID_JOINTS: tuple[str, ...] = (
+    "hips", "spine", "chest", "upperChest", "neck", "head", "leftEye", "rightEye", "jaw",
+    *(side + part for side in ("left", "right") for part in _SIDED),
+)  # fmt: skip
+"""The humanoid joints of VRM 1.0, by their names there."""
+
+REQUIRED_JOINTS: tuple[str, ...] = (
+    "hips", "spine", "head",
+    *(side + part for side in ("left", "right") for kind in ("leg", "arm") for part in LIMB_PARTS[kind]),
+)  # fmt: skip
+"""The fifteen that VRM requires of every humanoid."""
+
+PLAUSIBLE = 14.0
+"""Shape cost up to which a skeleton is a human whatever its joints are called; the real ones measured lie below 10."""
+PLAUSIBLE_IF_NAMED = 40.0
+"""The same where most of the required joints carry the right names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Humanoid:
+    """The human in a skeleton."""
+
+    joints: dict[str, int]
+    """Canonical name to joint index; joints that the skeleton lacks are absent."""
+    confidence: dict[str, float]
+    """0 to 1 for each of them."""
+    twists: dict[int, str]
+    """Twist joints, to the canonical joint whose limb segment they share."""
+    axes: Float[Array, "3 3"]
+    """Rows: the body's left, up and forward in the skeleton's rest world space, unit and orthogonal."""
+    evidence: str
+    """What the match rests on: 'names', 'shape', 'names and shape' or 'map'."""
+
+
+def match_humanoid(skeleton: Skeleton) -> Humanoid:
+    """Find the humanoid joints of a skeleton in whatever units, axes and rest pose it comes.
+
+    Topology, rest geometry and names decide together; a name that contradicts the shape loses, and a skeleton with
+    meaningless names is matched by its shape. Left is the side that is left of a body facing the way its toes, knees,
+    thumbs and face point; where the shape is silent the names decide.
+
+    Raises `MatchError`, with the line to put into a map file, for what is no humanoid or could be read in two ways.
+    """
+    tree, names = build_tree(skeleton), score_names(skeleton.names)
+    readings = bodies(tree, names)
+    if not readings:
+        raise _no_humanoid(skeleton, "no two legs, trunk and two arms were found", REQUIRED_JOINTS)
+    body = readings[0]
+    named = _named_share(names, body, tree.joints)
+    if body.shape_cost > (PLAUSIBLE_IF_NAMED if named > 0.6 else PLAUSIBLE):
+        raise _no_humanoid(skeleton, "its proportions and branches are not those of a human", REQUIRED_JOINTS)
+    _refuse_ambiguity(skeleton, readings)
+    axes = body_axes(tree, body)
+    by_shape, by_names = weigh(left_evidence(tree, body, axes)), name_evidence(names, body)
+    verdict = float(np.clip(by_shape, -4.0, 4.0)) + 3.0 * by_names
+    sides = ("left", "right") if verdict >= 0 else ("right", "left")
+    if verdict < 0:
+        axes = axes * np.array([[-1.0], [1.0], [-1.0]])
+    return _describe(tree, names, body, sides, axes, named, abs(verdict))
+
+
+def _named_share(names: NameScores, body: Body, joints: int) -> float:
+    """Which share of hips, head and the twelve limb joints carries a fitting name."""
+    scores = [names.parts["hips"][body.hips], names.parts["head"][body.head] if body.head is not None else 0.0]
+    for kind, pair in (("leg", body.legs), ("arm", body.arms)):
+        for limb in pair.limbs:
+            scores += [names.parts[part][node] if node < joints else 0.0 for part, node in zip(LIMB_PARTS[kind], limb.nodes)]
+    return float(np.mean(np.array(scores) > 0.45))
+
+
+def _refuse_ambiguity(skeleton: Skeleton, readings: list[Body]) -> None:
+    """A second reading that is as good and uses other limbs means that nothing tells them apart (spiders, centaurs)."""
+    best = readings[0]
+    for other in readings[1:]:
+        if other.cost > best.cost + 1.0:
+            return
+        for kind, mine, theirs in (("legs", best.legs, other.legs), ("arms", best.arms, other.arms)):
+            a, b = ({limb.nodes[1] for limb in pair.limbs} for pair in (mine, theirs))
+            if not a & b:
+                pair = [skeleton.names[min(limb.nodes)] for limb in mine.limbs + theirs.limbs]
+                raise _no_humanoid(skeleton, f"two pairs of {kind} are equally likely ({', '.join(pair)})", REQUIRED_JOINTS)
+
+
+def _no_humanoid(skeleton: Skeleton, reason: str, missing: tuple[str, ...]) -> MatchError:
+    example = skeleton.names[min(1, len(skeleton) - 1)]
+    return MatchError(
+        f"the skeleton of {len(skeleton)} joints matches no humanoid: {reason}; not found: {', '.join(missing[:6])}"
+        f"{', ...' if len(missing) > 6 else ''}; if it is one, name its joints in a map file, for example "
+        f'{missing[0]} = "{example}"',
+        missing,
+    )
+
+
+# --- from a reading to canonical names ----------------------------------------------------------------------------
+
+
+def _describe(
+    tree: Tree, names: NameScores, body: Body, sides: tuple[str, str], axes: Array, named: float, certainty: float
+) -> Humanoid:
+    shape = float(np.exp(-max(body.shape_cost, 0.0) / 20.0))
+    sided = 0.5 + 0.5 * float(np.tanh(certainty))
+    joints: dict[str, int] = {}
+    confidence: dict[str, float] = {}
+    twists: dict[int, str] = {}
+
+    def add(name: str, joint: int | None, part: str, trust: float = 1.0) -> None:
+        if joint is None or joint >= tree.joints or joint in joints.values():
+            return
+        fit = float(names.parts[part][joint]) if part in names.parts else 0.0
+        joints[name] = int(joint)
+        certain = 1.0 - (1.0 - 0.9 * shape * trust) * (1.0 - 0.9 * fit)
+        confidence[name] = round(certain * (sided if name.startswith(("left", "right")) else 1.0), 3)
+
+    add("hips", _pelvis(tree, names, body.hips), "hips")
+    add("head", body.head, "head")
+    spine = detail.spine_joints(tree, names, body)
+    if joints["hips"] != body.hips:
+        spine["spine"] = body.hips
+    for name, joint in spine.items():
+        add(name, joint, name)
+    for which, side in enumerate(sides):
+        leg, arm = body.legs.limbs[which], body.arms.limbs[which]
+        for kind, limb in (("leg", leg), ("arm", arm)):
+            ends = (*limb.nodes[:2], _end_joint(tree, names, limb, kind))
+            for part, joint in zip(LIMB_PARTS[kind], ends):
+                add(side + part, joint, part)
+            twists.update(detail.twist_joints(tree, limb, kind, side, names))
+        add(side + "Shoulder", detail.shoulder_joint(tree, names, body.arms.tops[which], arm), "Shoulder")
+        foot, hand = joints.get(side + "Foot"), joints.get(side + "Hand")
+        if foot is not None:
+            add(side + "Toes", detail.toe_joint(tree, names, foot, leg), "Toes")
+        if hand is not None:
+            _add_fingers(tree, names, hand, arm, side, add)
+    if body.head is not None:
+        for name, (joint, trust) in detail.face_joints(tree, names, body.head, axes).items():
+            add(name, joint, "Eye" if name.endswith("Eye") else "jaw", trust)
+    taken = set(joints.values())
+    twists = {joint: name for joint, name in twists.items() if joint not in taken and name in joints}
+    ordered = {name: joints[name] for name in HUMANOID_JOINTS if name in joints}
+    evidence = "shape" if named < 0.25 else "names and shape" if body.shape_cost <= PLAUSIBLE else "names"
+    return Humanoid(ordered, {name: confidence[name] for name in ordered}, twists, axes, evidence)
+
+
+def _pelvis(tree: Tree, names: NameScores, hips: int) -> int:
+    """The joint above the fork where that one is called spine and its parent pelvis (Biped)."""
+    parent = int(tree.parents[hips])
+    if parent >= 0 and names.parts["spine"][hips] >= 0.8 and names.parts["hips"][parent] >= 0.8:
+        return parent
+    return hips
+
+
+def _end_joint(tree: Tree, names: NameScores, limb: Limb, kind: str) -> int | None:
+    """Ankle or wrist. Where the limb's last node only ends its bone, a foot that stands there by itself (driven by
+    inverse kinematics, so not below the leg) is the real one."""
+    end = limb.nodes[2]
+    if tree.children[end] or kind == "arm":
+        return end
+    part = LIMB_PARTS[kind][2]
+    apart = np.linalg.norm(tree.positions[: tree.joints] - tree.positions[end], axis=1)
+    near = [int(joint) for joint in np.flatnonzero(apart < 0.04 * limb.length) if limb.nodes[1] not in tree.above(joint)]
+    near = [joint for joint in near if tree.children[joint] and (not names.auxiliary[joint] or names.parts[part][joint] > 0.1)]
+    if near:
+        return max(near, key=lambda joint: (names.parts[part][joint], -apart[joint]))
+    return end
+
+
+def _add_fingers(tree: Tree, names: NameScores, hand: int, arm: Limb, side: str, add) -> None:
+    for finger, (chain, trust) in detail.fingers(tree, names, hand, arm).items():
+        metacarpal = bool(names.metacarpals[chain[0]])
+        for name, joint in detail.phalanges(tree, finger, chain, metacarpal).items():
+            add(side + name, joint, finger, trust)
+
+
+# --- from a map ---------------------------------------------------------------------------------------------------
+
+
+def humanoid_from_names(skeleton: Skeleton, names: Mapping[str, str]) -> Humanoid:
+    """The humanoid that a map file describes: canonical name to the skeleton's joint name.
+
+    Raises `RetargetError` for names that do not exist and for joints used twice, `MatchError` where upper legs or
+    upper arms, from which the body's axes are measured, are missing.
+    """
+    joints: dict[str, int] = {}
+    for canonical, name in names.items():
+        if canonical not in HUMANOID_JOINTS:
+            raise unknown_name("humanoid joint", canonical, HUMANOID_JOINTS, "VRM 1.0")
+        joint = skeleton.index(name)
+        if joint in joints.values():
+            first = next(each for each, index in joints.items() if index == joint)
+            raise RetargetError(f"joint {name!r} is mapped twice, to {first} and {canonical}; give each its own joint")
+        joints[canonical] = joint
+    tree = build_tree(skeleton)
+    missing = tuple(name for name in REQUIRED_JOINTS if name not in joints)
+    axes = _axes_of(tree, joints, missing)
+    scores = score_names(skeleton.names)
+    twists: dict[int, str] = {}
+    for side in ("left", "right"):
+        for kind, parts in LIMB_PARTS.items():
+            nodes = tuple(joints.get(side + part, -1) for part in parts)
+            if min(nodes) >= 0 and nodes[0] in tree.above(nodes[1]) and nodes[1] in tree.above(nodes[2]):
+                twists.update(detail.twist_joints(tree, Limb(nodes, (1.0, 1.0), 0.0, 0.0), kind, side, scores))
+    twists = {joint: name for joint, name in twists.items() if joint not in joints.values()}
+    ordered = {name: joints[name] for name in HUMANOID_JOINTS if name in joints}
+    return Humanoid(ordered, dict.fromkeys(ordered, 1.0), twists, axes, "map")
+
+
+def _axes_of(tree: Tree, joints: dict[str, int], missing: tuple[str, ...]) -> Float[Array, "3 3"]:
+    """Left from the hip and shoulder lines, up from ankles or hips to head or shoulders."""
+    at = {name: tree.positions[joint] for name, joint in joints.items()}
+    lines = [at["left" + part] - at["right" + part] for part in ("UpperLeg", "UpperArm") if {"left" + part, "right" + part} <= set(at)]
+    low = [at[name] for name in ("leftFoot", "rightFoot") if name in at] or [at[name] for name in ("hips",) if name in at]
+    high = [at[name] for name in ("head", "neck") if name in at][:1]
+    high = high or [at[name] for name in ("leftUpperArm", "rightUpperArm") if name in at]
+    left, up = (np.sum(lines, axis=0) if lines else np.zeros(3)), (np.mean(high, axis=0) - np.mean(low, axis=0) if high and low else np.zeros(3))
+    left = left / max(float(np.linalg.norm(left)), 1e-12)
+    up = up - (up @ left) * left
+    if np.linalg.norm(left) < 0.5 or np.linalg.norm(up) < 1e-9 * tree.scale:
+        raise MatchError(
+            "the map names too few joints to tell left and up; it needs leftUpperLeg and rightUpperLeg, hips and head; "
+            f"missing: {', '.join(missing) or 'none, but they lie in one place'}",
+            missing,
+        )
+    up = up / np.linalg.norm(up)
+    return np.stack([left, up, np.cross(left, up)])
+
+
+def scrambled(skeleton: Skeleton, seed: int) -> Skeleton:
+    """The same skeleton with meaningless names: what matching must do without them."""
+    letters, rng = "abcdefghijklmnopqrstuvwxyz", random.Random(seed)
+    names: dict[str, None] = {}
+    while len(names) < len(skeleton):
+        names["".join(rng.choice(letters) for _ in range(8))] = None
+    return replace(skeleton, names=tuple(names))

@@ -1,0 +1,92 @@
+"""glTF 2.0 and GLB, read and written with json, struct and numpy alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from retarget.character import Character
+from retarget.io.asset import Asset, Convention
+from retarget.io.gltf_bind import read_bindings, rest_skeleton
+from retarget.io.gltf_clips import list_clips, moving_nodes, read_motion, scaling_joints
+from retarget.io.gltf_document import Document, read_document
+from retarget.io.gltf_nodes import (
+    GltfOrigin,
+    NodeTree,
+    animated_nodes,
+    is_uniform,
+    joint_names,
+    joint_nodes,
+    make_rig,
+    read_tree,
+)
+from retarget.io.gltf_surface import read_still_mesh, read_surface
+from retarget.io.gltf_write import save
+
+__all__ = ["GltfOrigin", "load", "save"]
+
+# What the specification says of every file (section 3.4); whether a file keeps to it is another matter.
+CONVENTION = Convention(metres_per_unit=1.0, up="+y", forward="+z")
+
+
+def load(path: str | Path) -> Asset:
+    """Read a .glb or .gltf file: skeleton, surface, materials, and its clips, which are decoded when asked for.
+
+    The kind is 'character' for a file with a surface that its joints move, 'motion' for a skeleton without, 'mesh' for
+    one without a skeleton. The rest pose is the one in which the mesh was bound, if the file tells it. Scaled nodes become
+    lengths: joints are rigid, and `Skin.inverse_binds` carries their scale. Skinned vertices lie where they stood at
+    binding, in the world.
+
+    Raises `FileError` for whatever cannot be read, with its place in the file.
+    """
+    document = read_document(Path(path))
+    tree = read_tree(document)
+    in_skins = {node for skin in document.entries("skins") for node in skin["joints"]}
+    nodes = joint_nodes(document, tree, moving_nodes(document, animated_nodes(document) - in_skins))
+    if nodes:
+        return _skeletal(document, tree, nodes)
+    mesh, notes = read_still_mesh(document, tree)
+    if mesh is None:
+        raise document.fail("holds neither a skeleton nor a mesh")
+    left = len(document.entries("animations"))
+    if left:
+        notes.append(f"{left} animations move no node and are left out")
+    return Asset(document.path, "mesh", mesh=mesh, convention=CONVENTION, notes=tuple(notes))
+
+
+def _skeletal(document: Document, tree: NodeTree, nodes: list[int]) -> Asset:
+    rig = make_rig(tree, nodes)
+    size = max(float(np.ptp(tree.world[nodes][:, :3, 3], axis=0).max()), 1e-6)
+    names = joint_names(document, nodes)
+    bindings, notes = read_bindings(document, tree, rig, size)
+    skeleton, more = rest_skeleton(names, rig, bindings, size)
+    notes += more
+    mesh, skin, more = read_surface(document, tree, rig, skeleton, bindings, size)
+    notes += more
+    clips, numbers, more = list_clips(document, rig)
+    notes += more
+    uneven = [joint for joint in range(len(names)) if not is_uniform(rig.stretch[joint])]
+    if uneven:
+        notes.append(f"{_some(names, uneven)} scaled unevenly: the surface is exact at rest, near it in other poses")
+    scaling = scaling_joints(document, rig)
+    if scaling:
+        notes.append(f"{_some(names, scaling)} scaled by animations, which rigid joints do not follow")
+
+    def read_clip(number: int):
+        return read_motion(document, rig, skeleton, numbers[number])
+
+    return Asset(
+        document.path,
+        "motion" if mesh is None else "character",
+        character=Character(skeleton, mesh, skin, document.path.stem, GltfOrigin(document, rig, skeleton)),
+        clips=clips,
+        convention=CONVENTION,
+        notes=tuple(notes),
+        read_clip=read_clip,
+    )
+
+
+def _some(names: tuple[str, ...], joints: list[int]) -> str:
+    listed = ", ".join(repr(names[joint]) for joint in joints[:3]) + (", ..." if len(joints) > 3 else "")
+    return f"joint {listed} is" if len(joints) == 1 else f"{len(joints)} joints ({listed}) are"

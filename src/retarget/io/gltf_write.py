@@ -1,0 +1,123 @@
+"""Motions into glTF files: appended to the file a character came from, or with a document made new."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from retarget.body import rotations as rot
+from retarget.body.kinematics import local_positions
+from retarget.character import Character, Motion, Skeleton
+from retarget.errors import FileError, RetargetError
+from retarget.io.gltf_build import bare_document, character_document
+from retarget.io.gltf_draft import Draft, write_files
+from retarget.io.gltf_nodes import GltfOrigin, Rig, node_transform
+
+Array = np.ndarray
+
+
+def save(
+    path: str | Path,
+    character: Character,
+    motions: Sequence[Motion] = (),
+    *,
+    animation_only: bool = False,
+    keep_clips: bool = True,
+) -> None:
+    """Write a character with its motions as .glb, or as .gltf with a .bin beside it, by the suffix of `path`.
+
+    A character that was read from glTF keeps its file: everything in it stays, byte for byte, and the motions are appended
+    as animations, in terms of its own nodes. `keep_clips=False` leaves out the clips it had. Any other character is
+    written anew. `animation_only` writes the joints and the motions: no surface, no pictures, no earlier clips.
+
+    Raises `RetargetError` if a motion belongs to another skeleton or has no frames, `FileError` if `path` cannot be
+    written. The file appears whole or not at all.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".glb", ".gltf"):
+        raise FileError(path, f"glTF is written as .glb or .gltf, received the suffix {path.suffix!r}")
+    origin = character.origin if isinstance(character.origin, GltfOrigin) else None
+    if origin is not None:
+        _check_skeleton("the character", character.skeleton, origin.skeleton)
+    for motion in motions:
+        _check_skeleton(f"the motion {motion.name!r}", motion.skeleton, character.skeleton)
+        if not len(motion):
+            raise RetargetError(f"the motion {motion.name!r} has no frames to write")
+    if origin is None:
+        draft, rig = character_document(character, animation_only)
+    elif animation_only:
+        draft, rig = bare_document(character, origin)
+    else:
+        draft, rig = Draft.of(origin.document, keep_clips), origin.rig
+    if motions:
+        _free_nodes(draft, rig, path)
+    for motion in motions:
+        append_motion(draft, rig, motion)
+    draft.json["asset"]["generator"] = "retarget"
+    write_files(draft.glb(path) if path.suffix.lower() == ".glb" else draft.gltf(path))
+
+
+def _check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:
+    if skeleton.names == expected.names and np.array_equal(skeleton.parents, expected.parents):
+        return
+    other = next((f"{a!r} instead of {b!r}" for a, b in zip(skeleton.names, expected.names) if a != b), "other parents")
+    raise RetargetError(
+        f"{owner} has another skeleton than the character written to: {len(skeleton)} joints against {len(expected)}, {other}"
+    )
+
+
+def _free_nodes(draft: Draft, rig: Rig, path: Path) -> None:
+    """Give joints that are placed by a matrix a translation, rotation and scale: only these can be animated."""
+    for number in rig.nodes.tolist():
+        node = draft.json["nodes"][number]
+        if "matrix" not in node:
+            continue
+        translation, rotation, shape = node_transform(node)
+        scale = np.diag(shape)
+        if np.abs(shape - np.diag(scale)).max() > 1e-4 * np.abs(shape).max():
+            raise FileError(
+                path, f"the joint {node.get('name', number)!r} has a sheared matrix, which glTF cannot animate"
+            )
+        kept = {key: value for key, value in node.items() if key != "matrix"}
+        own = {"translation": translation.tolist(), "rotation": rotation.tolist(), "scale": scale.tolist()}
+        draft.json["nodes"][number] = {**kept, **own}
+
+
+def append_motion(draft: Draft, rig: Rig, motion: Motion) -> None:
+    """Add one animation: rotations of all joints, positions of those that leave their node's place."""
+    positions = local_positions(motion.skeleton, motion.translations, motion.moved)
+    at_rest, _ = rig.to_skeleton(rig.translations, rig.rotations)
+    size = max(float(np.abs(at_rest).sum(axis=0).max()), 1e-9)
+    placed = np.abs(positions - at_rest).max(axis=(0, 2)) > 5e-7 * size
+    placed[list(motion.moved)] = True
+    translations, rotations = rig.to_nodes(positions, motion.rotations)
+    rotations = rot.continuous(rot.normalise(rotations)).astype(np.float32)
+    translations = translations.astype(np.float32)
+    values, targets = [], []
+    for joint, node in enumerate(rig.nodes.tolist()):
+        values.append(rotations[:, joint])
+        targets.append({"node": node, "path": "rotation"})
+        if placed[joint]:
+            values.append(translations[:, joint])
+            targets.append({"node": node, "path": "translation"})
+    # A channel that stands still needs its first and last key only; both lists of key times are shared.
+    still = [len(each) > 2 and bool((each == each[0]).all()) for each in values]
+    times = (np.arange(len(motion)) / motion.fps).astype(np.float32)[:, None]
+    every = draft.add_accessor(times, bounds=True) if not all(still) else None
+    ends = draft.add_accessor(times[[0, -1]], bounds=True) if any(still) else None
+    outputs = draft.add_accessors([each[:2] if quiet else each for each, quiet in zip(values, still)])
+    samplers = [{"input": ends if quiet else every, "output": output} for quiet, output in zip(still, outputs)]
+    channels = [{"sampler": number, "target": target} for number, target in enumerate(targets)]
+    draft.add(
+        "animations", {"name": _free_name(draft, motion.name or "motion"), "samplers": samplers, "channels": channels}
+    )
+
+
+def _free_name(draft: Draft, name: str) -> str:
+    taken = {animation.get("name") for animation in draft.json.get("animations", ())}
+    number, free = 2, name
+    while free in taken:
+        number, free = number + 1, f"{name}_{number}"
+    return free

@@ -1,0 +1,173 @@
+"""Copy rotations, done properly: the baseline that every table carries.
+
+Anatomical frames are carried over in world space, so limbs point where the source's point and palms, feet and head
+are turned as the source's are, whatever the two rest poses. The root path scales with the leg length. What rests on the
+ground in the source is found and held in the result (`foot_lock`); all else is the source's rotation, untouched.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from retarget.body.kinematics import forward, local_positions, local_rotations, rest_pose, world_pose
+from retarget.body import rotations as rot
+from retarget.character import Motion, Pose
+from retarget.contact.ground import GroundContacts, ground_contacts
+from retarget.contact.support import SupportLimb, leg_length, support_limbs, support_points
+from retarget.errors import RetargetError
+from retarget.methods.base import LAWS, Method, Result, Retargeter
+from retarget.motion.align import Actor, same_skeleton
+from retarget.motion.anatomy import bend_directions
+from retarget.motion.copy import CopyPlan, complete, copy_rotations, plan_copy, positions_of
+from retarget.motion.foot_lock import LimbGoal, hip_drop, limb_goal, reach_goals
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class CopyRotations(Method):
+    """Copy every joint's rotation; scale the path; hold ground contacts.
+
+    With `foot_lock` a clip is looked at as a whole (contacts are smoothed in and out), so stepping online, which cannot
+    look ahead, leaves contacts as they come; without it both agree exactly.
+    """
+
+    foot_lock: bool = True
+    """Hold feet and hands that rest on the ground in the source."""
+    in_place: bool = False
+    """Drop the horizontal path: the body stays where its first frame stands."""
+
+    laws: ClassVar[frozenset[str]] = LAWS
+
+    def prepare(self, source: Actor, target: Actor) -> PreparedCopy:
+        """Match the bodies. Raises `RetargetError` where a leg has no length."""
+        for actor in (source, target):
+            if not leg_length(actor.skeleton, actor.humanoid) > 1e-6:
+                raise RetargetError("a leg has no length: its joints lie on one point")
+        limbs = {actor: support_limbs(actor.character, actor.humanoid) for actor in (source, target)}
+        soles = {actor: _sole_height(actor, limbs[actor]) for actor in (source, target)}
+        plan = plan_copy(source, target, soles[source], soles[target])
+        # A body that stands on its own ground keeps it; one whose file has its origin at the hips gets the world's.
+        floor = soles[target] if abs(soles[target]) < 0.25 * plan.target_hip_height else 0.0
+        return PreparedCopy(self, source, target, plan, limbs[source], limbs[target], floor)
+
+
+def _sole_height(actor: Actor, limbs: tuple[SupportLimb, ...]) -> float:
+    rotations, positions = rest_pose(actor.skeleton)
+    legs = support_points(limbs[:2], rotations[None], positions[None])
+    return float(min(points[..., 1].min() for points in legs))
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedCopy(Retargeter):
+    """A matched pair of bodies."""
+
+    settings: CopyRotations
+    source: Actor
+    target: Actor
+    plan: CopyPlan
+    source_limbs: tuple[SupportLimb, ...]
+    target_limbs: tuple[SupportLimb, ...]
+    floor: float
+    """Height of the target's floor, metres."""
+
+    def __call__(self, motion: Motion) -> Result:
+        """Retarget a clip. Raises `RetargetError` for a motion of another skeleton or without frames."""
+        if not same_skeleton(motion.skeleton, self.source.skeleton):
+            raise RetargetError("the motion belongs to another skeleton than the one that was prepared")
+        if len(motion) == 0:
+            raise RetargetError(f"the clip {motion.name!r} has no frames")
+        rotations, positions = world_pose(motion)
+        contacts = self._contacts(rotations, positions, motion.fps) if self.settings.foot_lock else None
+        source_floor = 0.0
+        if contacts is not None:  # a clip that never lands keeps its own ground, unless it sinks below
+            source_floor = contacts.floor if contacts.touching.any() else min(contacts.floor, 0.0)
+        world, hips = self._copy(rotations, positions, source_floor)
+        placed = positions_of(self.plan.target, world, self.plan.target_hips, hips)
+        stats: dict[str, Any] = {
+            "scale": self.plan.scale,
+            "source_floor_m": source_floor,
+            "target_floor_m": self.floor,
+            "resting_joints": list(self.plan.unmatched),
+        }
+        if contacts is not None:
+            stats["contact_frames"] = int(contacts.touching.any(axis=1).sum())
+        if contacts is not None and contacts.touching.any():
+            world, hips = self._hold(world, placed, hips, contacts, source_floor, motion.fps)
+        if self.settings.in_place:
+            hips = hips * [0, 1, 0] + hips[0] * [1, 0, 1]
+        return Result(self.target.character, self._motion(world, hips, motion), stats=stats)
+
+    def step(self, pose: Pose) -> Pose:
+        """The pose of one frame, with no look-ahead: contacts are left as they come."""
+        skeleton = self.source.skeleton
+        moved = self._moved_by_source(pose)
+        local = local_positions(skeleton, pose.translations[None], moved)
+        rotations, positions = forward(skeleton.parents, pose.rotations[None], local)
+        world, hips = self._copy(rotations, positions, 0.0)
+        result = self._motion(world, hips, None)
+        return result.pose(0)
+
+    def _moved_by_source(self, pose: Pose) -> tuple[int, ...]:
+        hips = self.source.humanoid.joints["hips"]
+        if len(pose.translations) == 1:
+            return (0,)
+        if len(pose.translations) == 2 and hips != 0:
+            return (0, hips)
+        raise RetargetError(
+            f"an online pose carries the position of the root, or of root and hips; received {len(pose.translations)} positions"
+        )
+
+    def _contacts(self, rotations: Array, positions: Array, fps: float) -> GroundContacts:
+        points = np.concatenate(support_points(self.source_limbs, rotations, positions), axis=1)
+        return ground_contacts(points, fps, leg_length(self.source.skeleton, self.source.humanoid))
+
+    def _copy(
+        self, rotations: Float[Array, "frames joints 4"], positions: Float[Array, "frames joints 3"], source_floor: float
+    ) -> tuple[Float[Array, "frames targets 4"], Float[Array, "frames 3"]]:
+        """World rotations of the target, and where its hips go: the middle of the hip sockets follows the scaled path."""
+        plan = self.plan
+        world = copy_rotations(plan, rotations)
+        sockets = positions[:, plan.source_sockets].mean(axis=1) - [0, source_floor, 0]
+        sockets = sockets * plan.scale
+        # Ankle heights do not scale with leg length: shift by the difference, fading out for a body near the ground.
+        extra = plan.target_hip_height - plan.scale * plan.source_hip_height
+        standing = np.clip(sockets[:, 1] / (0.5 * plan.target_hip_height), 0, 1)
+        sockets[:, 1] += extra * standing + self.floor
+        hips = plan.target_hips
+        local = positions_of(plan.target, world, hips, np.zeros((len(world), 3)))
+        middle = local[:, plan.target_sockets].mean(axis=1)
+        return world, sockets - middle
+
+    def _hold(
+        self, world: Array, placed: Array, hips: Array, contacts: GroundContacts, source_floor: float, fps: float
+    ) -> tuple[Array, Array]:
+        goals, column = [], 0
+        for limb, points in zip(self.target_limbs, support_points(self.target_limbs, world, placed)):
+            columns = slice(column, column + len(limb.points))
+            column += len(limb.points)
+            support = (contacts.support[:, columns] - source_floor) * self.plan.scale + self.floor
+            goals.append(limb_goal(limb, points, contacts.touching[:, columns], support, self.floor, fps))
+        drop = hip_drop(goals, placed, fps)
+        poles = bend_directions(self.target.skeleton, self.target.humanoid)
+        held = reach_goals(goals, world, placed, poles, drop)
+        complete(self.plan, held)
+        return held, hips - drop[:, None] * [0, 1, 0]
+
+    def _motion(self, world: Array, hips: Float[Array, "frames 3"], source: Motion | None) -> Motion:
+        """World rotations and hips as a motion of the target's skeleton."""
+        skeleton, joint = self.plan.target, self.plan.target_hips
+        rotations = rot.continuous(local_rotations(skeleton.parents, world))
+        if joint == 0:
+            translations, moved = hips[:, None], (0,)
+        else:
+            placed = positions_of(skeleton, world, joint, hips)
+            above = int(skeleton.parents[joint])
+            local = rot.rotate(rot.inverse(world[:, above]), hips - placed[:, above])
+            root = np.broadcast_to(skeleton.offsets[0], hips.shape)
+            translations, moved = np.stack([root, local], axis=1), (0, joint)
+        return Motion(skeleton, rotations, translations, source.fps if source else 30.0, moved, source.name if source else "")

@@ -1,0 +1,217 @@
+"""Bring what a file held into the house's space: metres, +Y up; and say what was inferred on the way.
+
+BVH says nothing of its unit or axes, and glTF files are often exported in centimetres whatever the standard says.
+The evidence used here: what the file states, which way the matched body stands (at rest and on average in its
+motion), and how tall it is. Every inference ends up in `Actor.notes`; each can be overridden.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from retarget.body import rotations as rot
+from retarget.body.kinematics import local_positions, rest_pose
+from retarget.character import Character, Mesh, Motion, Skeleton
+from retarget.correspond.joints import Humanoid
+from retarget.errors import RetargetError
+from retarget.io.asset import Convention
+
+Array = np.ndarray
+
+AXES = {f"{sign}{axis}": value * np.eye(3)[i] for sign, value in (("+", 1.0), ("-", -1.0)) for i, axis in enumerate("xyz")}
+
+# Units that people's skeletons come in, metres; the last is the CMU database's own (an inch divided by 0.45).
+UNITS = {"m": 1.0, "cm": 0.01, "dm": 0.1, "mm": 0.001, "inch": 0.0254, "foot": 0.3048, "CMU unit": 0.0254 / 0.45}
+LIKELY_HEIGHT = (0.5, 2.6)
+"""Metres. A body in this range is believed as it stands."""
+TYPICAL_HEIGHT = 1.7
+
+
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """A turn and a scale of space: p' = scale · R p."""
+
+    rotation: Float[Array, "4"]
+    scale: float
+
+    def inverse(self) -> Similarity:
+        return Similarity(rot.inverse(self.rotation), 1.0 / self.scale)
+
+    def points(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+        return rot.rotate(self.rotation, points) * self.scale
+
+    def skeleton(self, skeleton: Skeleton) -> Skeleton:
+        offsets = skeleton.offsets * self.scale
+        offsets[0] = rot.rotate(self.rotation, offsets[0])
+        rotations = skeleton.rest_rotations.copy()
+        rotations[0] = rot.multiply(self.rotation, rotations[0])
+        ends = skeleton.end_offsets and {joint: end * self.scale for joint, end in skeleton.end_offsets.items()}
+        return replace(skeleton, offsets=offsets, rest_rotations=rotations, end_offsets=ends)
+
+    def mesh(self, mesh: Mesh) -> Mesh:
+        return replace(mesh, vertices=self.points(mesh.vertices))
+
+    def character(self, character: Character) -> Character:
+        """Skeleton, mesh and binds together: posed vertices turn and scale with the joints."""
+        if character.skin is None:
+            return replace(character, skeleton=self.skeleton(character.skeleton))
+        back = np.eye(4)  # mesh coordinates before from mesh coordinates after, then the joint's scale
+        back[:3, :3] = rot.to_matrix(rot.inverse(self.rotation)) / self.scale
+        inverse_binds = character.skin.inverse_binds @ back
+        inverse_binds[:, :3, :] *= self.scale
+        return replace(
+            character,
+            skeleton=self.skeleton(character.skeleton),
+            mesh=self.mesh(character.mesh),
+            skin=replace(character.skin, inverse_binds=inverse_binds),
+        )
+
+    def motion(self, motion: Motion) -> Motion:
+        rotations, translations = motion.rotations.copy(), motion.translations * self.scale
+        rotations[:, 0] = rot.multiply(self.rotation, rotations[:, 0])
+        translations[:, 0] = rot.rotate(self.rotation, translations[:, 0])
+        return replace(motion, skeleton=self.skeleton(motion.skeleton), rotations=rotations, translations=translations)
+
+
+@dataclass(frozen=True, eq=False)
+class Actor:
+    """A body in the house's space whose joints are known: what methods prepare on."""
+
+    character: Character
+    humanoid: Humanoid
+    house_from_file: Similarity
+    """How it came here; its inverse leads back to the file's space."""
+    height: float
+    """From the soles to the top of the head at rest, metres."""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def skeleton(self) -> Skeleton:
+        return self.character.skeleton
+
+
+def body_height(skeleton: Skeleton, humanoid: Humanoid, vertices: Array | None = None) -> float:
+    """Height of the body at rest along its own up direction, in the skeleton's units.
+
+    Taken from the surface where there is one; else from legs, trunk and neck laid end to end (a rest pose may crouch),
+    with a typical share for what lies beyond the head joint and below the ankle.
+    """
+    rotations, positions = rest_pose(skeleton)
+    if vertices is not None and len(vertices):
+        along = vertices @ humanoid.axes[1]
+        return float(np.percentile(along, 99.9) - np.percentile(along, 0.1))
+    chain = lambda names: sum(  # noqa: E731
+        float(np.linalg.norm(positions[humanoid.joints[a]] - positions[humanoid.joints[b]])) for a, b in zip(names, names[1:])
+    )
+    legs = [chain([side + part for part in ("UpperLeg", "LowerLeg", "Foot")]) for side in ("left", "right")]
+    hips = positions[[humanoid.joints["leftUpperLeg"], humanoid.joints["rightUpperLeg"]]].mean(axis=0)
+    trunk = float(np.linalg.norm(positions[humanoid.joints["head"]] - hips))
+    # Ankle to sole and head joint to crown, as shares of leg and trunk: measured on the embedded human.
+    return max(legs) * 1.09 + trunk * 1.28
+
+
+def infer_up(humanoid: Humanoid, motion: Motion | None) -> tuple[Float[Array, "3"], str]:
+    """The world's up axis: the signed axis nearest to where the body's own up points.
+
+    The rest pose may lie down (some exporters turn the whole body in its first rotation), so the mean direction over
+    the motion decides where it is steady; a tumbling motion falls back on the rest pose.
+    """
+    up, source = humanoid.axes[1], "the rest pose stands that way"
+    if motion is not None and len(motion):
+        skeleton, hips = motion.skeleton, humanoid.joints["hips"]
+        at_rest, _ = rest_pose(skeleton)
+        path = [hips]
+        while skeleton.parents[path[-1]] >= 0:
+            path.append(int(skeleton.parents[path[-1]]))
+        world = np.broadcast_to(rot.IDENTITY, (len(motion), 4))
+        for joint in reversed(path):
+            world = rot.multiply(world, motion.rotations[:, joint])
+        mean = rot.rotate(rot.multiply(world, rot.inverse(at_rest[hips])), up).mean(axis=0)
+        if np.linalg.norm(mean) > 0.75 and np.abs(mean).max() > 0.8 * np.linalg.norm(mean):
+            up, source = mean, "the body stands that way on average"
+    nearest = int(np.argmax(np.abs(up)))
+    return np.sign(up[nearest]) * np.eye(3)[nearest], source
+
+
+def infer_unit(height: float) -> tuple[float, str]:
+    """Metres per unit from the body's height in units: the known unit that makes it the most likely height."""
+    if LIKELY_HEIGHT[0] <= height <= LIKELY_HEIGHT[1]:
+        return 1.0, "metres (the body is then of a likely height)"
+    fits = {name: abs(np.log(height * unit / TYPICAL_HEIGHT)) for name, unit in UNITS.items()}
+    name = min(fits, key=fits.get)
+    if LIKELY_HEIGHT[0] <= height * UNITS[name] <= LIKELY_HEIGHT[1]:
+        return UNITS[name], f"{name} (the body is then {height * UNITS[name]:.2f} m tall)"
+    return TYPICAL_HEIGHT / height, f"no known unit fits a height of {height:.4g}; taken as a body of {TYPICAL_HEIGHT} m"
+
+
+def make_actor(
+    character: Character,
+    humanoid: Humanoid,
+    convention: Convention | None = None,
+    motion: Motion | None = None,
+    *,
+    up: str | None = None,
+    unit: float | None = None,
+    rest_surface: Float[Array, "vertices 3"] | None = None,
+) -> Actor:
+    """Bring a matched body into the house's space.
+
+    `convention` is what its file says, `motion` a clip that shows how it stands, `rest_surface` its rest vertices where
+    they are known; `up` ('+y', '+z', ...) and `unit` (metres per unit) override every inference. Raises
+    `RetargetError` for an unknown axis or a unit that is not positive.
+    """
+    convention = convention or Convention()
+    notes = []
+    height = body_height(character.skeleton, humanoid, rest_surface)
+    if not height > 0:
+        raise RetargetError("the skeleton has no height: its joints lie on one point")
+    if up is not None:
+        if up not in AXES:
+            raise RetargetError(f"up axis {up!r} is unknown; use one of {', '.join(AXES)}")
+        up_axis = AXES[up]
+    else:
+        up_axis, why = infer_up(humanoid, motion)
+        stated = convention.up
+        name = next(each for each, axis in AXES.items() if np.allclose(axis, up_axis))
+        if stated is None:
+            notes.append(f"up axis {name}: {why}")
+        elif stated != name:
+            notes.append(f"up axis: the file's format says {stated}, but {name} is used: {why}")
+    if unit is not None:
+        if not (np.isfinite(unit) and unit > 0):
+            raise RetargetError(f"unit must be positive metres per unit, received {unit}")
+        scale = float(unit)
+    elif convention.metres_per_unit is not None and 0.2 <= height * convention.metres_per_unit <= 6.0:
+        scale = convention.metres_per_unit
+    else:
+        scale, why = infer_unit(height)
+        notes.append(f"unit: {why}")
+    similarity = Similarity(rot.swing_between(up_axis, AXES["+y"]), scale)
+    axes = rot.rotate(similarity.rotation, humanoid.axes)
+    return Actor(
+        similarity.character(character), replace(humanoid, axes=axes), similarity, height * scale, tuple(notes)
+    )
+
+
+def facing_name(axes: Float[Array, "3 3"]) -> str:
+    """The signed axis that the body faces at rest."""
+    nearest = int(np.argmax(np.abs(axes[2])))
+    return ("+" if axes[2][nearest] > 0 else "-") + "xyz"[nearest]
+
+
+def same_skeleton(a: Skeleton, b: Skeleton) -> bool:
+    return a is b or (
+        a.names == b.names and np.array_equal(a.parents, b.parents) and np.allclose(a.offsets, b.offsets, atol=1e-9)
+    )
+
+
+def joint_positions(motion: Motion, joints: Sequence[int]) -> Float[Array, "frames chosen 3"]:
+    """World positions of some joints over a motion."""
+    from retarget.body.kinematics import forward
+
+    positions = local_positions(motion.skeleton, motion.translations, motion.moved)
+    return forward(motion.skeleton.parents, motion.rotations, positions)[1][:, list(joints)]

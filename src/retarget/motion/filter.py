@@ -1,0 +1,74 @@
+"""Smoothing and resampling along time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from retarget.body import rotations as rot
+from retarget.character import Motion
+from retarget.errors import RetargetError
+
+Array = np.ndarray
+
+
+def gaussian(values: Float[Array, "frames *axes"], sigma: float) -> Float[Array, "frames *axes"]:
+    """Gaussian low-pass along the frames, `sigma` in frames; the ends are held."""
+    if sigma <= 0 or len(values) < 2:
+        return values.copy()
+    reach = int(np.ceil(3 * sigma))
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    kernel /= kernel.sum()
+    flat = values.reshape(len(values), -1)
+    padded = np.pad(flat, ((reach, reach), (0, 0)), mode="edge")
+    total = np.cumsum(np.zeros_like(flat), axis=0)
+    for shift, weight in enumerate(kernel):
+        total += weight * padded[shift : shift + len(flat)]
+    return total.reshape(values.shape)
+
+
+def upper_envelope(values: Float[Array, "frames"], reach: int) -> Float[Array, "frames"]:
+    """The smallest smooth-ish curve that is nowhere below `values`: running maximum over ±reach frames, then averaged."""
+    if reach < 1 or len(values) < 2:
+        return values.copy()
+    window = np.lib.stride_tricks.sliding_window_view
+    highest = window(np.pad(values, 2 * reach, mode="edge"), 2 * reach + 1).max(axis=-1)
+    smooth = highest
+    # Two box averages of half the width each stay above the values, because the maximum was taken over their full reach.
+    for half in (reach - reach // 2, reach // 2):
+        if half:
+            smooth = window(np.pad(smooth, half, mode="edge"), 2 * half + 1).mean(axis=-1)
+    return smooth[reach:-reach]
+
+
+def resample(motion: Motion, fps: float) -> Motion:
+    """The same motion at another frame rate: rotations by slerp, positions linearly; first frame and duration stay."""
+    if not (np.isfinite(fps) and fps > 0):
+        raise RetargetError(f"frame rate must be positive, received {fps}")
+    if fps == motion.fps or len(motion) < 2:
+        return replace(motion, fps=fps)
+    count = int(np.floor(motion.seconds * fps + 1e-6)) + 1
+    place = np.minimum(np.arange(count) * (motion.fps / fps), len(motion) - 1)
+    left = np.minimum(place.astype(int), len(motion) - 2)
+    part = place - left
+    return replace(
+        motion,
+        rotations=rot.slerp(motion.rotations[left], motion.rotations[left + 1], part[:, None]),
+        translations=motion.translations[left] * (1 - part)[:, None, None]
+        + motion.translations[left + 1] * part[:, None, None],
+        fps=fps,
+    )
+
+
+def cut(motion: Motion, start: float | None, end: float | None) -> Motion:
+    """The part between two times in seconds. Raises `RetargetError` when nothing is left."""
+    first = 0 if start is None else int(round(start * motion.fps))
+    last = len(motion) if end is None else int(round(end * motion.fps)) + 1
+    if not 0 <= first < min(last, len(motion)):
+        raise RetargetError(
+            f"nothing lies between {start if start is not None else 0} s and {end if end is not None else motion.seconds:g} s; "
+            f"the clip runs from 0 to {motion.seconds:g} s"
+        )
+    return replace(motion, rotations=motion.rotations[first:last], translations=motion.translations[first:last])

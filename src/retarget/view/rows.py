@@ -1,0 +1,50 @@
+"""Rows of a picture sheet from files: animated characters, bare motions, still characters and meshes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from retarget.body.kinematics import still_motion, world_pose
+from retarget.body.skinning import prepare_skinning
+from retarget.character import Character, Motion
+from retarget.errors import FileError, MatchError
+from retarget.io import load
+from retarget.io.asset import Asset
+from retarget.retargeting import cast
+from retarget.view.picture import Row, choose_frames, skeleton_mesh
+
+
+def file_row(path: Path, columns: int, clip: str | None = None) -> Row:
+    """One row for a file: its frames spread evenly over the clip; the last clip if none is named, since appended
+    animations stand last. Files in other units or axes are shown upright and in metres where the body is recognised."""
+    asset = load(path)
+    if asset.mesh is not None:
+        return Row(path.stem, asset.mesh, asset.mesh.vertices[None])
+    if asset.character is None:
+        raise FileError(path, f"holds {asset.kind}; a picture needs a surface or a skeleton")
+    motion = asset.motion(clip if clip is not None else len(asset.clips) - 1) if asset.clips else still_motion(asset.character.skeleton)
+    character, motion = _upright(asset, motion)
+    label = path.stem if len(asset.clips) < 2 else f"{path.stem}\n{motion.name}"
+    return motion_row(label, character, motion, columns)
+
+
+def motion_row(label: str, character: Character, motion: Motion, columns: int) -> Row:
+    """A character's frames spread evenly over a motion; bones where it has no surface."""
+    chosen = np.unique(choose_frames(len(motion), columns))
+    rotations, positions = (values[chosen] for values in world_pose(motion))
+    captions = tuple(f"{frame / motion.fps:.2f} s" for frame in chosen)
+    if character.skin is None:
+        mesh, vertices = skeleton_mesh(character.skeleton, positions)
+    else:
+        mesh, vertices = character.mesh, prepare_skinning(character).vertices(rotations, positions).astype(np.float64)
+    return Row(label, mesh, vertices, captions)
+
+
+def _upright(asset: Asset, motion: Motion) -> tuple[Character, Motion]:
+    try:
+        actor = cast(asset, motion=motion)
+    except MatchError:
+        return asset.character, motion
+    return actor.character, actor.house_from_file.motion(motion)

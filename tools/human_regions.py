@@ -1,0 +1,233 @@
+"""Names for places of the embedded human: body parts, seams, landmarks, colour regions. All on the average adult."""
+
+from __future__ import annotations
+
+import numpy as np
+
+PARTS = (
+    "head", "neck", "chest", "abdomen", "pelvis",
+    "leftUpperArm", "leftForearm", "leftHand", "rightUpperArm", "rightForearm", "rightHand",
+    "leftThigh", "leftShin", "leftFoot", "rightThigh", "rightShin", "rightFoot",
+)  # fmt: skip
+PART_OF_JOINT = {
+    "head": "head", "neck": "neck", "upperChest": "chest", "chest": "chest", "spine": "abdomen", "hips": "pelvis",
+    "Shoulder": "chest", "UpperArm": "UpperArm", "LowerArm": "Forearm", "UpperLeg": "Thigh", "LowerLeg": "Shin",
+    "Foot": "Foot", "Toes": "Foot",
+}  # fmt: skip
+
+MATERIALS = {  # linear RGB
+    "skin": (0.60, 0.36, 0.25),
+    "shirt": (0.10, 0.22, 0.38),
+    "shorts": (0.055, 0.06, 0.075),
+    "hair": (0.035, 0.02, 0.013),
+    "lips": (0.45, 0.17, 0.14),
+    "eyeWhite": (0.80, 0.78, 0.75),
+    "iris": (0.07, 0.13, 0.15),
+    "pupil": (0.004, 0.004, 0.004),
+}
+
+
+def part_labels(weights: np.ndarray, names: list[str]) -> np.ndarray:
+    """The part (index into PARTS) of each vertex: the one whose joints hold most of its weight."""
+    total = np.zeros((len(weights), len(PARTS)))
+    for j, name in enumerate(names):
+        side = next((s for s in ("left", "right") if name.startswith(s)), "")
+        part = PART_OF_JOINT.get(name[len(side) :], "Hand")
+        total[:, PARTS.index(part if part in PARTS else side + part)] += weights[:, j]
+    return total.argmax(axis=1)
+
+
+def face_parts(labels: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """The part of each face: that of most of its corners; of three different ones the last."""
+    a, b, c = labels[faces].T
+    return np.where(a == b, a, c)
+
+
+def seams(faces: np.ndarray, parts: np.ndarray) -> list[tuple[int, int, list[int]]]:
+    """Closed vertex loops between parts: (part on the left of the loop, part on its right, vertices in order)."""
+    owner = {}
+    for k, (a, b, c) in enumerate(faces.tolist()):
+        owner[a, b] = owner[b, c] = owner[c, a] = k
+    ahead: dict[tuple[int, int], dict[int, list[int]]] = {}
+    for (a, b), k in owner.items():
+        left, right = int(parts[k]), int(parts[owner[b, a]])
+        if left < right:
+            ahead.setdefault((left, right), {}).setdefault(a, []).append(b)
+    loops = []
+    for (left, right), step in sorted(ahead.items()):
+        while step:
+            loop = [min(step)]
+            while loop[-1] in step:
+                following = step[loop[-1]].pop()
+                if not step[loop[-1]]:
+                    del step[loop[-1]]
+                loop.append(following)
+            loops.append((left, right, loop[:-1] if loop[0] == loop[-1] else loop))
+    return loops
+
+
+class Finder:
+    """Finds landmark vertices on the average body by directions from its joints."""
+
+    def __init__(self, vertices: np.ndarray, joints: dict[str, np.ndarray], labels: np.ndarray, weights: np.ndarray) -> None:
+        self.vertices, self.joints, self.labels, self.weights = vertices, joints, labels, weights
+        self.names = list(joints)
+
+    def part(self, *names: str) -> np.ndarray:
+        return np.isin(self.labels, [PARTS.index(name) for name in names])
+
+    def ray(self, start: np.ndarray, direction: tuple[float, float, float] | np.ndarray, *parts: str) -> int:
+        """The vertex of these parts nearest to a ray."""
+        direction = np.asarray(direction) / np.linalg.norm(direction)
+        offset = self.vertices - start
+        along = offset @ direction
+        beside = np.linalg.norm(offset - along[:, None] * direction, axis=1)
+        return self.least(np.where(along > 0, beside, np.inf), self.part(*parts))
+
+    def least(self, value: np.ndarray, mask: np.ndarray) -> int:
+        return int(np.where(mask, value, np.inf).argmin())
+
+    def most(self, direction: tuple[float, float, float] | np.ndarray, mask: np.ndarray) -> int:
+        """The outermost vertex in a direction."""
+        return self.least(-self.vertices @ np.asarray(direction, dtype=float), mask)
+
+
+def landmarks(find: Finder, mirror: np.ndarray, eye_centre: int) -> dict[str, int]:
+    """Vertex of every landmark; those of the left side are mirrored to the right."""
+    x, y, z = find.vertices.T
+    j, middle = find.joints, mirror == np.arange(len(mirror))
+    head = find.part("head")
+    mouth_y = j["head"][1] - 0.028
+    centre = {
+        "crown": find.most((0, 1, 0), head & middle),
+        "forehead": find.least(np.abs(y - j["head"][1] - 0.085), head & middle & (z > j["head"][2])),
+        "nose": find.most((0, 0, 1), head & middle & (y > mouth_y)),
+        "chin": find.most((0, -0.7, 1), head & middle & (y < mouth_y)),
+        "mouth": find.least(np.abs(y - mouth_y), head & middle & (z > j["head"][2])),
+        "backOfHead": find.most((0, 0, -1), head & middle),
+        "throat": find.ray(j["neck"], (0, 0.3, 1), "neck"),
+        "nape": find.ray(j["neck"], (0, 0.6, -1), "neck", "head"),
+        "chest": find.ray(j["upperChest"], (0, 0, 1), "chest"),
+        "belly": find.ray(j["spine"], (0, 0, 1), "abdomen", "pelvis"),
+        "navel": find.least(z - 100 * (np.abs(y - j["chest"][1] + 0.092) < 0.025), middle & (z > j["chest"][2]) & find.part("abdomen", "pelvis")),
+        "upperBack": find.ray(j["upperChest"], (0, 0, -1), "chest"),
+        "lowerBack": find.ray(j["spine"], (0, 0, -1), "abdomen", "pelvis"),
+        "pubis": find.ray(j["hips"], (0, -0.25, 1), "pelvis"),
+        "crotch": find.most((0, -1, 0), middle & find.part("pelvis", "leftThigh", "rightThigh")),
+    }  # fmt: skip
+    left = _left_head_and_trunk(find, x, y, z, eye_centre) | _left_arm(find) | _left_leg(find, y, z)
+    sided = {f"left{name}": v for name, v in left.items()} | {f"right{name}": int(mirror[v]) for name, v in left.items()}
+    return centre | dict(sorted(sided.items()))
+
+
+def _left_head_and_trunk(find: Finder, x: np.ndarray, y: np.ndarray, z: np.ndarray, eye_centre: int) -> dict[str, int]:
+    j, head = find.joints, find.part("head")
+    arm = j["leftUpperArm"]
+    return {
+        "Eye": eye_centre,
+        "Ear": find.most((1, 0, 0), head),
+        "Temple": find.ray(j["head"] + [0, 0.055, 0.055], (1, 0, 0), "head"),
+        "Cheek": find.ray(j["head"] + [0, 0.005, 0.05], (0.7, 0, 0.7), "head"),
+        "NeckSide": find.ray(j["neck"] + [0, 0.03, 0.02], (1, 0, 0), "neck"),
+        "ShoulderTop": find.ray(0.5 * (arm + j["leftShoulder"]), (0, 1, 0), "chest"),
+        "ShoulderTip": find.ray(arm, (0.8, 0.6, 0), "leftUpperArm", "chest"),
+        "ShoulderFront": find.ray(arm, (0.1, 0, 1), "leftUpperArm", "chest"),
+        "ShoulderBlade": find.ray(j["upperChest"] + [0.09, 0.02, 0], (0, 0, -1), "chest"),
+        "Armpit": find.ray(arm, (-0.15, -1, 0), "chest", "leftUpperArm"),
+        "Breast": find.most((0, 0, 1), find.part("chest") & (x > 0.03)),
+        "Ribs": find.ray(j["chest"] + [0, 0.06, 0.02], (1, 0, 0), "chest", "abdomen"),
+        "Waist": find.ray(j["spine"] + [0, 0.06, 0.03], (1, 0, 0), "abdomen", "chest"),
+        "HipSide": find.ray(j["leftUpperLeg"], (1, 0, 0), "pelvis", "leftThigh"),
+        "HipFront": find.ray(j["leftUpperLeg"] + [0, 0.06, 0], (0.1, 0, 1), "pelvis", "leftThigh"),
+        "Buttock": find.most((0, 0, -1), find.part("pelvis", "leftThigh") & (x > 0)),
+    }
+
+
+def _left_arm(find: Finder) -> dict[str, int]:
+    j = find.joints
+    arm, elbow, wrist = j["leftUpperArm"], j["leftLowerArm"], j["leftHand"]
+    point = 2 * elbow - arm - wrist  # away from the inside of the bent elbow
+    index, little, middle = (j[f"left{f}Proximal"] for f in ("Index", "Little", "Middle"))
+    palm = np.cross(index - wrist, little - wrist)  # out of the palm on the left hand
+    palm = palm / np.linalg.norm(palm)
+    centre = 0.35 * wrist + 0.65 * (index + little + middle) / 3
+    both = ("leftForearm", "leftHand")
+    found = {
+        "UpperArmFront": find.ray(0.5 * (arm + elbow), -point, "leftUpperArm"),
+        "UpperArmBack": find.ray(0.5 * (arm + elbow), point, "leftUpperArm"),
+        "Elbow": find.ray(elbow, point, "leftUpperArm", "leftForearm"),
+        "ElbowInside": find.ray(elbow, -point, "leftUpperArm", "leftForearm"),
+        "ForearmInside": find.ray(0.5 * (elbow + wrist), palm, "leftForearm"),
+        "ForearmOutside": find.ray(0.5 * (elbow + wrist), -palm, "leftForearm"),
+        "WristInside": find.ray(wrist, palm, *both),
+        "WristOutside": find.ray(wrist, -palm, *both),
+        "Palm": find.ray(centre, palm, "leftHand"),
+        "BackOfHand": find.ray(centre, -palm, "leftHand"),
+    }
+    for finger in ("Thumb", "Index", "Middle", "Ring", "Little"):
+        joint = f"left{finger}Distal"
+        before = j[f"left{finger}{'Proximal' if finger == 'Thumb' else 'Intermediate'}"]
+        mine = find.weights[:, find.names.index(joint)] > 0.5
+        found[f"{finger}Tip"] = find.most(j[joint] - before, mine)
+    return found
+
+
+def _left_leg(find: Finder, y: np.ndarray, z: np.ndarray) -> dict[str, int]:
+    j = find.joints
+    hip, knee, ankle, toes = (j[f"left{name}"] for name in ("UpperLeg", "LowerLeg", "Foot", "Toes"))
+    foot, leg = find.part("leftFoot"), ("leftThigh", "leftShin")
+    return {
+        "ThighFront": find.ray(0.5 * (hip + knee), (0, 0, 1), "leftThigh"),
+        "ThighBack": find.ray(0.5 * (hip + knee), (0, 0, -1), "leftThigh"),
+        "ThighOutside": find.ray(0.5 * (hip + knee), (1, 0, 0), "leftThigh"),
+        "ThighInside": find.ray(0.5 * (hip + knee), (-1, 0, 0), "leftThigh"),
+        "Knee": find.ray(knee, (0, 0, 1), *leg),
+        "KneeBack": find.ray(knee, (0, 0, -1), *leg),
+        "Shin": find.ray(0.5 * (knee + ankle), (0, 0, 1), "leftShin"),
+        "Calf": find.ray(0.7 * knee + 0.3 * ankle, (0, 0, -1), "leftShin"),
+        "AnkleOutside": find.ray(ankle, (1, 0, 0), "leftFoot", "leftShin"),
+        "AnkleInside": find.ray(ankle, (-1, 0, 0), "leftFoot", "leftShin"),
+        "Heel": find.most((0, -0.3, -1), foot),
+        "HeelSole": find.least(np.linalg.norm(find.vertices - [ankle[0], y[foot].min(), ankle[2] - 0.025], axis=1), foot),
+        "Ball": find.least(np.linalg.norm(find.vertices - [toes[0] - 0.02, y[foot].min(), toes[2]], axis=1), foot),
+        "BallOutside": find.least(np.linalg.norm(find.vertices - [toes[0] + 0.035, y[foot].min(), toes[2] - 0.02], axis=1), foot),
+        "FootTop": find.ray(0.5 * (ankle + toes), (0, 1, 0.3), "leftFoot"),
+        "BigToeTip": find.most((-0.3, 0, 1), foot),
+        "LittleToeTip": find.most((1, 0, 0.35), foot & (z > toes[2] - 0.03)),
+    }  # fmt: skip
+
+
+def face_materials(
+    vertices: np.ndarray, faces: np.ndarray, joints: dict[str, np.ndarray], labels: np.ndarray, eyes: dict[str, set], lips: set
+) -> np.ndarray:
+    """Colour region (index into MATERIALS) of each face: a T-shirt, shorts, a cap of hair, lips and eyes on skin."""
+    names = list(MATERIALS)
+    x, y, z = vertices[faces].mean(axis=1).T
+    x = np.abs(x)
+    centre = np.stack([x, y, z], axis=1)
+    part = labels[faces]
+    has = {name: np.isin(part, [i for i, p in enumerate(PARTS) if p.endswith(name)]).sum(axis=1) >= 2 for name in (*PARTS, "UpperArm", "Thigh")}
+
+    def along(start: str, end: str) -> np.ndarray:
+        axis = joints[end] - joints[start]
+        return (centre - joints[start]) @ axis / (axis @ axis)
+
+    region = np.full(len(faces), names.index("skin"))
+    waist = joints["spine"][1] - 0.01
+    trunk = has["chest"] | has["abdomen"] | has["pelvis"]
+    collar = np.linalg.norm((centre - joints["neck"] - [0, 0.02, 0.045]) * [1, 1.0, 0.75], axis=1)
+    shirt = (trunk & (y > waist) & (collar > 0.095)) | (has["UpperArm"] & (along("leftUpperArm", "leftLowerArm") < 0.5))
+    region[shirt] = names.index("shirt")
+    shorts = (trunk & (y <= waist)) | (has["Thigh"] & (along("leftUpperLeg", "leftLowerLeg") < 0.72))
+    region[shorts] = names.index("shorts")
+    up, forward = y - joints["head"][1], z - joints["head"][2]
+    ear = (x > 0.068) & (up < 0.055) & (forward > -0.03) & (forward < 0.03)
+    line = np.interp(up, [-0.06, 0.0, 0.05, 0.09, 0.115, 0.12], [-0.03, -0.012, 0.02, 0.05, 0.075, 1.0])
+    region[has["head"] & (forward < line) & (up > -0.055) & ~ear] = names.index("hair")
+    for k, face in enumerate(faces.tolist()):
+        if set(face) <= lips:
+            region[k] = names.index("lips")
+        for kind, members in eyes.items():
+            if frozenset(face) in members:
+                region[k] = names.index(kind)
+    return region
