@@ -96,6 +96,7 @@ class Reference:
             return v / np.linalg.norm(v) if turn else v
         if not turn:
             return a + u * (b - a)
+        a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)  # stored in bytes they are not quite of unit length
         cosine = float(a @ b)
         if cosine < 0:
             b, cosine = -b, -cosine

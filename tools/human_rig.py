@@ -139,16 +139,19 @@ def fit_regressor(
 
 def _fit_point(bodies: np.ndarray, goal: np.ndarray, mirror: np.ndarray | None, candidates: int = 300) -> np.ndarray:
     distance = np.linalg.norm(bodies[0] - goal[0], axis=1)
-    # The nearest vertices all lie to one side of a deep joint; those within three nearest distances are around it.
-    near = np.flatnonzero(distance < max(3.0 * distance.min(), np.sort(distance)[60]))
+    # The nearest vertices all lie to one side of a deep joint; those within three nearest distances are around it,
+    # and the joints of the spine, which run close to the back, take in the belly as well.
+    near = np.flatnonzero(distance < max(3.0 * distance.min(), np.sort(distance)[60], 0.17 if mirror is not None else 0.0))
     if len(near) > candidates:
         near = near[np.linspace(0, len(near) - 1, candidates).astype(int)]
     if mirror is not None:
         near = np.unique(np.concatenate([near, mirror[near]]))
     matrix = bodies[:, near].transpose(0, 2, 1).reshape(-1, len(near))
-    one = 30.0 * np.sqrt(len(matrix)) / 10
-    solution, _ = nnls(np.vstack([matrix, np.full((1, len(near)), one)]), np.append(goal.ravel(), one), maxiter=4000)
-    solution[solution < 1e-3] = 0.0
+    # The average body counts more; a little ridge spreads the weights, so that one odd vertex never moves a joint.
+    share = np.repeat(np.where(np.arange(len(bodies)) == 0, 5.0, 1.0), 3)
+    rows = np.vstack([matrix * share[:, None], np.full((1, len(near)), 100.0), np.eye(len(near))])
+    solution, _ = nnls(rows, np.concatenate([goal.ravel() * share, [100.0], np.zeros(len(near))]), maxiter=6000)
+    solution[solution < 2e-4] = 0.0
     row = np.zeros(bodies.shape[1])
     row[near] = solution / solution.sum()
     return row if mirror is None else 0.5 * (row + row[mirror])

@@ -14,9 +14,9 @@ from jaxtyping import Bool, Float
 Array = np.ndarray
 
 # Our choices, for a leg of 0.9 m (the published thresholds, NKN's 0.12 m/s among them, do not scale with the body).
-ENTER_SPEED = 0.18 / 0.9
+ENTER_SPEED = 0.12 / 0.9
 """Leg lengths a second below which a low point begins to rest."""
-LEAVE_SPEED = 0.45 / 0.9
+LEAVE_SPEED = 0.25 / 0.9
 """Leg lengths a second above which a resting point has left."""
 HEIGHT = 0.06 / 0.9
 """Leg lengths above its support at which a point can still rest (soft soles, noise of captured feet)."""
@@ -34,6 +34,8 @@ class GroundContacts:
     """Whether the point rests on something."""
     support: Float[Array, "frames points"]
     """Height of what it rests on (metres); the floor where it does not rest."""
+    heights: Float[Array, "frames points"]
+    """Height of each point, metres."""
     floor: float
     """Height of the main floor, metres."""
 
@@ -115,4 +117,4 @@ def ground_contacts(points: Float[Array, "frames points 3"], fps: float, leg_len
             if alone.sum() >= 2 * least:
                 touching[start:stop, point] = True
                 support[start:stop, point] = float(np.median(points[start:stop, point, 1]))
-    return GroundContacts(touching, support, floor)
+    return GroundContacts(touching, support, points[..., 1], floor)

@@ -191,8 +191,7 @@ def _end_joint(tree: Tree, names: NameScores, limb: Limb, kind: str) -> int | No
 
 def _add_fingers(tree: Tree, names: NameScores, hand: int, arm: Limb, side: str, add) -> None:
     for finger, (chain, trust) in detail.fingers(tree, names, hand, arm).items():
-        metacarpal = bool(names.metacarpals[chain[0]])
-        for name, joint in detail.phalanges(tree, finger, chain, metacarpal).items():
+        for name, joint in detail.phalanges(tree, names, hand, finger, chain).items():
             add(side + name, joint, finger, trust)
 
 

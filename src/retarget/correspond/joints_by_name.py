@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -47,6 +47,8 @@ class Spelling:
     """It names a limb that no human has."""
     metacarpal: bool
     """It names a bone of the palm."""
+    last_number: int | None
+    """The last number: 3 in 'finger2-3'."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +62,8 @@ class NameScores:
     twists: Bool[Array, "joints"]
     foreign: Bool[Array, "joints"]
     metacarpals: Bool[Array, "joints"]
+    numbers: Int[Array, "joints"]
+    """The last number in each name, -1 where there is none."""
 
     def best(self, joint: int) -> float:
         return max(float(score[joint]) for score in self.parts.values())
@@ -106,22 +110,24 @@ def spell(name: str, prefix: tuple[str, ...] = ()) -> Spelling:
     tokens = _tokens(name)
     if prefix and tuple(tokens[: len(prefix)]) == prefix and len(tokens) > len(prefix):
         tokens = tokens[len(prefix) :]
-    side, number, words = 0, None, []
+    side, numbers, words = 0, [], []
     for token in tokens:
         if token.isdigit():
-            number = int(token) if number is None else number
+            numbers.append(int(token[:6]))
         elif token in SIDES and not side:
             side = SIDES[token]
         else:
             token, glued = _split_side(token)
             side = side or glued
             words.append(token)
+    number, last = (numbers[0], numbers[-1]) if numbers else (None, None)
     flags = set(words) | {"".join(words)}
     core = [word for word in words if word not in TWISTS]
     kept = [word for word in core if word not in NOISE]
     return Spelling(
         "".join(kept or core), side, number, bool(flags & AUXILIARY), bool(flags & TWISTS), bool(flags & FOREIGN),
-        bool(flags & METACARPALS) or number == 0,
+        bool(flags & METACARPALS),
+        last,
     )
 
 
@@ -169,14 +175,11 @@ def score_names(names: tuple[str, ...]) -> NameScores:
     """Score every joint name of a skeleton against every part."""
     prefix = shared_prefix(names)
     spellings = [spell(name, prefix) for name in names]
+    spellings = _without_wrists(spellings)
     parts = {part: np.zeros(len(names)) for part in PARTS}
     for joint, spelling in enumerate(spellings):
         for part, score in part_scores(spelling).items():
             parts[part][joint] = score
-    hands = {each.side for each in spellings if each.word in ("hand", "main") and not each.auxiliary}
-    for joint, spelling in enumerate(spellings):
-        if spelling.word == "wrist" and spelling.side in hands:
-            parts["Hand"][joint] *= 0.2  # where both exist, the wrist is a helper on the way to the hand
     return NameScores(
         parts,
         np.array([each.side for each in spellings]),
@@ -184,4 +187,11 @@ def score_names(names: tuple[str, ...]) -> NameScores:
         np.array([each.twist for each in spellings]),
         np.array([each.foreign for each in spellings]),
         np.array([each.metacarpal for each in spellings]),
+        np.array([-1 if each.last_number is None else each.last_number for each in spellings]),
     )
+
+
+def _without_wrists(spellings: list[Spelling]) -> list[Spelling]:
+    """Where a side has both a wrist and a hand, the wrist is a helper on the way to the hand."""
+    hands = {each.side for each in spellings if each.word == "hand" and not each.auxiliary}
+    return [replace(each, auxiliary=True) if each.word == "wrist" and each.side in hands else each for each in spellings]

@@ -422,6 +422,8 @@ def _head_cost(tree: Tree, node: int, shoulder: Array, up: Array, left: Array, h
         cost += 0.7  # a head is longer than a neck joint
     elif not ends:
         cost += 0.3
+    if len(ends) == 1 and not tree.children[ends[0]] and tree.steps[ends[0]] > 1.3 * tree.steps[node]:
+        cost -= 0.5  # a long bone that ends: from the head to its top
     return float(min(cost, 20.0))
 
 

@@ -40,11 +40,11 @@ def spine_joints(tree: Tree, names: NameScores, body: Body) -> dict[str, int]:
 def shoulder_joint(tree: Tree, names: NameScores, top: int, limb: Limb) -> int | None:
     """The collar bone: the joint before the upper arm that is called so, else the longest."""
     before = tree.path(top, limb.nodes[0])[:-1]
-    before = [joint for joint in before if joint < tree.joints and not names.auxiliary[joint]]
+    before = [joint for joint in before if not names.auxiliary[joint]]
     if not before:
         return None
-    after = {joint: float(np.linalg.norm(tree.positions[limb.nodes[0]] - tree.positions[joint])) for joint in before}
-    return max(before, key=lambda joint: 2.0 * names.parts["Shoulder"][joint] + after[joint] / limb.length)
+    bone = dict(zip(tree.path(top, limb.nodes[0]), tree.steps[tree.path(top, limb.nodes[0])[1:]]))
+    return max(before, key=lambda joint: 2.0 * names.parts["Shoulder"][joint] + bone[joint] / limb.length)
 
 
 def toe_joint(tree: Tree, names: NameScores, foot: int, limb: Limb) -> int | None:
@@ -75,8 +75,7 @@ def finger_chains(tree: Tree, names: NameScores, hand: int, limb: Limb) -> list[
     chains = []
     for path in paths:
         own = [joint for joint in path if shared[joint] == 1]
-        if any(tree.steps[joint] <= 1e-4 * tree.scale for joint in own[1:]):  # doubled joints of one place
-            own = own[:1] + [joint for joint in own[1:] if tree.steps[joint] > 1e-4 * tree.scale]
+        own = [joint for joint in own if tree.steps[joint] > 1e-4 * tree.scale]  # doubled joints of one place
         while len(own) > 1 and names.auxiliary[own[-1]]:
             own = own[:-1]
         if own and not names.auxiliary[own[0]] and not names.foreign[own[0]]:
@@ -102,40 +101,54 @@ def fingers(tree: Tree, names: NameScores, hand: int, limb: Limb) -> dict[str, t
 
 
 def _order_fingers(tree: Tree, hand: int, chains: list[list[int]]) -> dict[str, list[int]]:
-    """The thumb starts nearest to the wrist and points away from the others; the rest follow by distance from it."""
+    """The thumb starts nearest to the wrist and points away from the others, which stand in a row beside it."""
     if len(chains) < 2 or len(chains) > 5:
         return {}
     wrist = tree.positions[hand]
-    knuckles = np.array([tree.positions[_knuckle(tree, chain)] for chain in chains])
+    knuckles = np.array([tree.positions[_knuckle(tree, hand, chain)] for chain in chains])
     tips = np.array([tree.positions[chain[-1]] for chain in chains])
-    directions = unit(tips - wrist)
-    odd = []
-    for i in range(len(chains)):
-        others = np.delete(directions, i, axis=0)
-        away = np.arccos(np.clip(directions[i] @ unit(others.mean(axis=0)), -1.0, 1.0))
-        near = np.linalg.norm(knuckles[i] - wrist) / max(np.linalg.norm(np.delete(knuckles, i, axis=0) - wrist, axis=1).mean(), 1e-12)
-        tip = np.linalg.norm(tips[i] - wrist) / max(np.linalg.norm(np.delete(tips, i, axis=0) - wrist, axis=1).mean(), 1e-12)
-        odd.append(float(away) - 0.6 * float(near) - 0.6 * float(tip))
+    odd = [_oddness(i, knuckles - wrist, tips - wrist) for i in range(len(chains))]
     thumb = int(np.argmax(odd))
-    rest = sorted((i for i in range(len(chains)) if i != thumb), key=lambda i: float(np.linalg.norm(knuckles[i] - knuckles[thumb])))
+    rest = [i for i in range(len(chains)) if i != thumb]
+    along = unit((tips - wrist)[rest].mean(axis=0))
+    aside = knuckles[rest] - knuckles[rest].mean(axis=0)
+    aside = aside - np.outer(aside @ along, along)
+    row = np.linalg.svd(aside)[2][0]
+    if row @ (tips[thumb] + knuckles[thumb] - 2.0 * knuckles[rest].mean(axis=0)) > 0:
+        row = -row
+    rest = [rest[i] for i in np.argsort(aside @ row, kind="stable")]
     order = {1: ("Index",), 2: ("Index", "Middle"), 3: FINGERS[1:4], 4: FINGERS[1:]}[len(rest)]
     return {"Thumb": chains[thumb], **{finger: chains[i] for finger, i in zip(order, rest)}}
 
 
-def _knuckle(tree: Tree, chain: list[int]) -> int:
-    """First joint after the palm: a chain of four or more whose first bone is the longest begins with a metacarpal."""
-    if len(chain) >= 4 and tree.steps[chain[1]] > 1.2 * tree.steps[chain[2]]:
-        return chain[1]
+def _oddness(i: int, knuckles: Array, tips: Array) -> float:
+    """How much chain `i` differs from the others as a thumb does: in direction, and by being shorter."""
+    directions = unit(tips)
+    away = float(np.arccos(np.clip(directions[i] @ unit(np.delete(directions, i, axis=0).mean(axis=0)), -1.0, 1.0)))
+    for reach in (np.linalg.norm(knuckles, axis=1), np.linalg.norm(tips, axis=1)):
+        away -= 0.6 * float(reach[i] / max(np.delete(reach, i).mean(), 1e-12))
+    return away
+
+
+def _knuckle(tree: Tree, hand: int, chain: list[int]) -> int:
+    """First joint after the palm. A metacarpal begins near the wrist and is longer than its distance from there."""
+    if len(chain) >= 4:
+        palm = float(np.linalg.norm(tree.positions[chain[0]] - tree.positions[hand]))
+        if tree.steps[chain[1]] > 1.3 * palm or any(child >= tree.joints for child in tree.children[chain[-1]]):
+            return chain[1]
     return chain[0]
 
 
-def phalanges(tree: Tree, finger: str, chain: list[int], metacarpal: bool) -> dict[str, int]:
-    """Canonical names (without side) of the joints of one finger."""
-    if finger == "Thumb":
-        return {f"Thumb{part}": joint for part, joint in zip(THUMB_PHALANGES, chain)}
-    if len(chain) >= 4 and (metacarpal or _knuckle(tree, chain) != chain[0]):
-        chain = chain[1:]
-    return {f"{finger}{part}": joint for part, joint in zip(PHALANGES, chain)}
+def phalanges(tree: Tree, names: NameScores, hand: int, finger: str, chain: list[int]) -> dict[str, int]:
+    """Canonical names (without side) of the joints of one finger; of more than three, those numbered 1 to 3."""
+    bones = THUMB_PHALANGES if finger == "Thumb" else PHALANGES
+    if len(chain) >= 4:
+        numbered = {int(names.numbers[joint]): joint for joint in chain if not names.metacarpals[joint]}
+        if {1, 2, 3} <= set(numbered):
+            chain = [numbered[1], numbered[2], numbered[3]]
+        elif finger != "Thumb":
+            chain = chain[1:] if names.metacarpals[chain[0]] else chain[chain.index(_knuckle(tree, hand, chain)) :]
+    return {f"{finger}{bone}": joint for bone, joint in zip(bones, chain)}
 
 
 # --- face ---------------------------------------------------------------------------------------------------------

@@ -15,7 +15,6 @@ BVH says nothing of units and axes, so neither does the `Convention` of what is 
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from decimal import ROUND_DOWN, ROUND_HALF_EVEN, Decimal, InvalidOperation
@@ -29,8 +28,9 @@ from retarget.body import rotations as rot
 from retarget.character import Character, Motion
 from retarget.errors import FileError
 from retarget.io.asset import Asset, Clip
-from retarget.io.bvh_hierarchy import LARGEST, Hierarchy, number, numbered_lines, read_hierarchy, shown
+from retarget.io.bvh_hierarchy import Hierarchy, numbered_lines, read_hierarchy
 from retarget.io.bvh_write import save
+from retarget.io.decimal_text import LARGEST, number, numbers, shown, workable
 
 __all__ = ["frames_per_second", "load", "save"]
 
@@ -83,7 +83,11 @@ def load(path: str | Path) -> Asset:
     if added:
         notes += ("position channels below the root vanish beside the offsets, so they were added to them",)
     clips = (Clip(path.stem, frames.count, frames.fps),)
-    return Asset(path, "motion", character, clips=clips, notes=notes, read_clip=lambda _: _decode(path, hierarchy, frames, added))
+
+    def read_clip(_: int) -> Motion:
+        return _decode(path, hierarchy, frames, added)
+
+    return Asset(path, "motion", character, clips=clips, notes=notes, read_clip=read_clip)
 
 
 def frames_per_second(printed: str) -> float:
@@ -142,7 +146,8 @@ def _measure(path: Path, file: BinaryIO, frames: _Frames, hierarchy: Hierarchy) 
     if channels == 0:
         raise FileError(path, "the hierarchy names no CHANNELS, so the frames can hold nothing", f"line {frames.line}")
     if joints > 100 * channels and joints * frames.count > 1e8:
-        raise FileError(path, f"{frames.count} frames of {joints} joints with {channels} channels in all; leave out joints that never move")
+        problem = f"{frames.count} frames of {joints} joints with {channels} channels: leave out joints that keep still"
+        raise FileError(path, problem)
     seen = total = end = 0
     line, odd, last = frames.line, None, 0
     notes: tuple[str, ...] = ()
@@ -153,7 +158,8 @@ def _measure(path: Path, file: BinaryIO, frames: _Frames, hierarchy: Hierarchy) 
         if odd is None and len(wrong):
             odd = (line + int(wrong[0]), int(counts[wrong[0]]), seen + int(np.searchsorted(rows, wrong[0])))
         if odd is None and len(rows) < len(filled):
-            notes = (f"what follows the {frames.count} frames from line {line + int(filled[len(rows)])} on was passed over",)
+            behind = line + int(filled[len(rows)])
+            notes = (f"what follows the {frames.count} frames from line {behind} on was passed over",)
         seen, total = seen + len(rows), total + int(counts.sum())
         end = int(ends[rows[-1]]) if len(rows) else end
         last = line + int(filled[-1]) if len(filled) else last
@@ -165,10 +171,12 @@ def _measure(path: Path, file: BinaryIO, frames: _Frames, hierarchy: Hierarchy) 
     if total == frames.count * channels:
         return replace(frames, end=file.seek(0, 2)), ("the frames are wrapped over several lines",)
     if odd is None:
-        raise FileError(path, f"declares {frames.count} frames and ends after {seen}; the file is cut off", f"line {line}")
+        problem = f"declares {frames.count} frames and ends after {seen}; the file is cut off"
+        raise FileError(path, problem, f"line {line}")
     place = f"line {odd[0]}"
     if odd[0] == last and odd[1] < channels:
-        raise FileError(path, f"ends inside frame {odd[2] + 1} of {frames.count}, after {odd[1]} of its {channels} numbers", place)
+        problem = f"ends inside frame {odd[2] + 1} of {frames.count}, after {odd[1]} of its {channels} numbers"
+        raise FileError(path, problem, place)
     raise FileError(path, f"frame {odd[2] + 1} has {odd[1]} numbers; the hierarchy has {channels} channels", place)
 
 
@@ -199,10 +207,11 @@ def _values(path: Path, file: BinaryIO, frames: _Frames, channels: int) -> Itera
     while position < frames.end and (block := file.read(min(BLOCK, frames.end - position))):
         position += len(block)
         text += block
-        cut = len(text) if position == frames.end else 1 + max(text.rfind(blank) for blank in (b" ", b"\n", b"\t", b"\r"))
-        values = _parse(text[:cut])
-        if values is None:
-            raise _bad_number(path, file, frames)
+        last_blank = max(text.rfind(blank) for blank in (b" ", b"\n", b"\t", b"\r"))
+        cut = len(text) if position == frames.end else last_blank + 1
+        values = numbers(text[:cut])
+        if values is None or not workable(values) or len(text) - cut > BLOCK:
+            raise _bad_number(path, file, frames, position - len(text))
         text = text[cut:]
         rest = np.concatenate([rest, values])
         whole = len(rest) // channels
@@ -210,31 +219,20 @@ def _values(path: Path, file: BinaryIO, frames: _Frames, channels: int) -> Itera
             yield rest[: whole * channels].reshape(whole, channels)
             done, rest = done + whole, rest[whole * channels :]
     if done != frames.count or len(rest):
-        raise _bad_number(path, file, frames)
+        raise _bad_number(path, file, frames, frames.start)
 
 
-def _parse(text: bytes) -> Float[Array, "values"] | None:
-    """All numbers of a text, or None where a word is none (or none that can be worked with)."""
-    if not text.strip():
-        return np.empty(0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # older numpy only warns of words that are no numbers
-        try:
-            values = np.fromstring(text, sep=" ")
-        except (ValueError, DeprecationWarning):
-            return None
-    return values if np.abs(values).max(initial=0.0) < LARGEST else None  # false for NaN too
-
-
-def _bad_number(path: Path, file: BinaryIO, frames: _Frames) -> FileError:
-    """Look again, slowly, for the first word that is no number."""
-    file.seek(frames.start)
+def _bad_number(path: Path, file: BinaryIO, frames: _Frames, position: int) -> FileError:
+    """Look again, slowly, for the first word from `position` on that is no number."""
     line = frames.line
-    for line, text in enumerate(file, frames.line):
-        for token in text.split():
-            if number(token) is None:
-                return FileError(path, f"{shown(token)} is no finite number", f"line {line}")
-    return FileError(path, "the numbers cannot be parsed; has the file changed while it was read?", f"lines {frames.line} to {line}")
+    file.seek(frames.start)
+    while file.tell() < position:
+        line += file.read(min(BLOCK, position - file.tell())).count(b"\n")
+    for here, text in enumerate(file, line):
+        for word in text.split():
+            if number(word) is None:
+                return FileError(path, f"{shown(word)} is no finite number", f"line {here}")
+    return FileError(path, "the numbers cannot be parsed; has the file changed while it was read?", f"line {line}")
 
 
 def _positions_are_added(path: Path, file: BinaryIO, frames: _Frames, hierarchy: Hierarchy) -> bool:
@@ -248,11 +246,11 @@ def _positions_are_added(path: Path, file: BinaryIO, frames: _Frames, hierarchy:
     return bool(np.median(np.abs(first[telling])) < 0.1 * np.median(np.abs(offsets[telling])))
 
 
-def _position_channels(hierarchy: Hierarchy) -> tuple[Int[Array, "channels"], Int[Array, "channels"], Int[Array, "channels"]]:
+def _position_channels(hierarchy: Hierarchy) -> Int[Array, "3 channels"]:
     """Column, joint and axis of each position channel."""
-    found = [(column, joint, axis) for column, (joint, what, axis) in enumerate(hierarchy.channels) if what == "position"]
-    columns, joints, axes = np.array(found, dtype=int).reshape(-1, 3).T
-    return columns, joints, axes
+    channels = enumerate(hierarchy.channels)
+    found = [(column, joint, axis) for column, (joint, what, axis) in channels if what == "position"]
+    return np.array(found, dtype=int).reshape(-1, 3).T
 
 
 def _rotation_channels(hierarchy: Hierarchy) -> list[tuple[str, Int[Array, "joints"], Int[Array, "joints axes"]]]:
@@ -266,7 +264,7 @@ def _rotation_channels(hierarchy: Hierarchy) -> list[tuple[str, Int[Array, "join
     groups: dict[str, list[int]] = {}
     for joint, order in orders.items():
         groups.setdefault(order, []).append(joint)
-    return [(order, np.array(joints), np.array([columns[joint] for joint in joints])) for order, joints in groups.items()]
+    return [(order, np.array(group), np.array([columns[joint] for joint in group])) for order, group in groups.items()]
 
 
 def _decode(path: Path, hierarchy: Hierarchy, frames: _Frames, added: bool) -> Motion:

@@ -12,12 +12,10 @@ import numpy as np
 
 from retarget.character import Skeleton
 from retarget.errors import FileError
+from retarget.io.decimal_text import number, shown
 
 LONGEST_LINE = 1 << 16
-LARGEST = 1e12
-"""Lengths and angles beyond this are faults of the file: their squares and sums would leave the range of numbers."""
 
-NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 CHANNEL = re.compile(rb"([XYZ])(POSITION|ROTATION)")
 
 END_SITE = -1  # stands on the stack of open braces in the place of a joint
@@ -34,24 +32,14 @@ class Hierarchy:
     notes: tuple[str, ...]
 
 
-def shown(text: bytes) -> str:
-    """A piece of the file for a message: quoted, short, printable."""
-    return repr(text[:40].decode("latin-1")) + ("..." if len(text) > 40 else "")
-
-
-def number(token: bytes) -> float | None:
-    """The value of a decimal number; None for anything else, infinities and absurdly large ones among them."""
-    value = float(token) if NUMBER.fullmatch(token) else np.inf
-    return value if abs(value) < LARGEST else None
-
-
 def numbered_lines(path: Path, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
     """The lines of a file with their numbers, from 1. Raises `FileError` for a line longer than words ever are."""
     line = 0
     while text := file.readline(LONGEST_LINE):
         line += 1
         if len(text) == LONGEST_LINE:
-            raise FileError(path, f"a line of more than {LONGEST_LINE} characters; this is not a BVH hierarchy", f"line {line}")
+            problem = f"a line of more than {LONGEST_LINE} characters; this is not a BVH hierarchy"
+            raise FileError(path, problem, f"line {line}")
         yield line, text.removeprefix(b"\xef\xbb\xbf") if line == 1 else text
 
 
@@ -61,7 +49,8 @@ def read_hierarchy(path: Path, lines: Iterator[tuple[int, bytes]]) -> Hierarchy:
     if start is None:
         raise FileError(path, "is empty")
     if start[1].upper() != b"HIERARCHY":
-        raise FileError(path, f"is not a BVH file: it begins with {shown(start[1])} instead of 'HIERARCHY'", f"line {start[0]}")
+        problem = f"is not a BVH file: it begins with {shown(start[1])} instead of 'HIERARCHY'"
+        raise FileError(path, problem, f"line {start[0]}")
     builder = _Builder(path)
     for line, text in lines:
         for piece in re.split(rb"([{}])", text):
@@ -97,7 +86,8 @@ class _Builder:
         argument = rest[0] if rest else b""
         statement = self.STATEMENTS.get(keyword.upper())
         if statement is None:
-            raise self.fault(f"{shown(keyword)} is no word of a BVH hierarchy (ROOT JOINT OFFSET CHANNELS End Site {{ }} MOTION)")
+            known = "ROOT JOINT OFFSET CHANNELS End Site { } MOTION"
+            raise self.fault(f"{shown(keyword)} is no word of a BVH hierarchy ({known})")
         if self.opening is not None and keyword != b"{":
             raise self.fault(f"expected '{{' after {self.what(self.opening)}, received {shown(piece)}")
         statement(self, argument)
@@ -180,8 +170,14 @@ class _Builder:
         self.channels += channels
 
     STATEMENTS = {
-        b"ROOT": root, b"JOINT": joint, b"END": end_site, b"{": opened, b"}": closed, b"OFFSET": offset, b"CHANNELS": channel_names,
-    }  # fmt: skip
+        b"ROOT": root,
+        b"JOINT": joint,
+        b"END": end_site,
+        b"{": opened,
+        b"}": closed,
+        b"OFFSET": offset,
+        b"CHANNELS": channel_names,
+    }
 
     def finished(self, has_motion: bool) -> Hierarchy:
         if self.open or self.opening is not None:
@@ -199,8 +195,8 @@ class _Builder:
 
     def oddities(self, names: list[str]) -> Iterator[str]:
         """What is legal but worth a word."""
-        short = [name for name, offset in zip(names[1:], self.offsets[1:]) if not any(offset)]
-        still = [name for name, declared in zip(names, self.declared) if not declared]
+        short = [name for name, offset in zip(names[1:], self.offsets[1:], strict=True) if not any(offset)]
+        still = [name for name, declared in zip(names, self.declared, strict=True) if not declared]
         forked = [names[joint] for joint, sites in self.ends.items() if len(sites) > 1]
         if short:
             yield f"{len(short)} bones have length zero: {_some(short)}"
@@ -231,4 +227,5 @@ def _unique(raw: list[bytes]) -> tuple[list[str], list[str]]:
             renamed.append(unique)
         taken.add(unique)
         names.append(unique)
-    return names, [f"{len(renamed)} joints had the name of another and were numbered: {_some(renamed)}"] if renamed else []
+    note = f"{len(renamed)} joints had the name of another and were numbered: {_some(renamed)}"
+    return names, [note] if renamed else []

@@ -34,7 +34,7 @@ def save(path: str | Path, motion: Motion, order: str = "ZXY") -> None:
     of BVH cannot hold; `FileError` where the file cannot be written.
     """
     if sorted(order) != ["X", "Y", "Z"]:
-        raise RetargetError(f"the order of rotation channels must be one of XYZ XZY YXZ YZX ZXY ZYX, received {order!r}")
+        raise RetargetError(f"the rotation order must be one of XYZ XZY YXZ YZX ZXY ZYX, received {order!r}")
     if len(motion) == 0:
         raise RetargetError(f"motion {motion.name!r} has no frame; a BVH file needs at least one")
     for name in motion.skeleton.names:
@@ -81,7 +81,8 @@ def _expect_writable(name: str) -> None:
     except UnicodeEncodeError:
         raise RetargetError(f"joint {name!r} cannot be written: its name is not valid text; rename it") from None
     if not raw or raw != raw.strip() or any(byte < 32 or byte in b"{}" for byte in raw):
-        raise RetargetError(f"joint {name!r} cannot be written as BVH: a name is one line without braces and outer blanks; rename it")
+        cure = "a name is one line without braces and outer blanks; rename it"
+        raise RetargetError(f"joint {name!r} cannot be written as BVH: {cure}")
 
 
 def _decimals(skeleton: Skeleton) -> int:
@@ -132,7 +133,7 @@ def _vector(values: Float[Array, "3"], decimals: int) -> str:
 
 
 def _frame_lines(motion: Motion, order: str, decimals: int) -> Iterator[str]:
-    """The lines of numbers, a block of frames at a time, columns in the order in which the hierarchy names the joints."""
+    """The lines of numbers, a block of frames at a time, columns as the hierarchy names the joints."""
     joints = np.array([joint for joint, _, enter in _walk(motion.skeleton) if enter])
     slot = {joint: i for i, joint in enumerate(motion.moved)}
     width = 3 * (len(joints) + len(slot))

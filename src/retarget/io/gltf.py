@@ -34,9 +34,9 @@ def load(path: str | Path) -> Asset:
     """Read a .glb or .gltf file: skeleton, surface, materials, and its clips, which are decoded when asked for.
 
     The kind is 'character' for a file with a surface that its joints move, 'motion' for a skeleton without, 'mesh' for
-    one without a skeleton. The rest pose is the one in which the mesh was bound, if the file tells it. Scaled nodes become
-    lengths: joints are rigid, and `Skin.inverse_binds` carries their scale. Skinned vertices lie where they stood at
-    binding, in the world.
+    one without a skeleton. The rest pose is the one in which the mesh was bound, if the file tells it. Joints are rigid:
+    scaled nodes become lengths, and `Skin.inverse_binds` carries their scale. Vertices lie where they stood in the world
+    at binding.
 
     Raises `FileError` for whatever cannot be read, with its place in the file.
     """
@@ -62,8 +62,10 @@ def _skeletal(document: Document, tree: NodeTree, nodes: list[int]) -> Asset:
     bindings, notes = read_bindings(document, tree, rig, size)
     skeleton, more = rest_skeleton(names, rig, bindings, size)
     notes += more
-    mesh, skin, more = read_surface(document, tree, rig, skeleton, bindings, size)
-    notes += more
+    surface = read_surface(document, tree, rig, skeleton, bindings, size)
+    mesh, skin = (surface.mesh(), surface.skin()) if surface.faces else (None, None)
+    notes += surface.notes
+    binds = {number: binding.inverse_binds for number, binding in enumerate(bindings) if not binding.clean}
     clips, numbers, more = list_clips(document, rig)
     notes += more
     uneven = [joint for joint in range(len(names)) if not is_uniform(rig.stretch[joint])]
@@ -79,7 +81,9 @@ def _skeletal(document: Document, tree: NodeTree, nodes: list[int]) -> Asset:
     return Asset(
         document.path,
         "motion" if mesh is None else "character",
-        character=Character(skeleton, mesh, skin, document.path.stem, GltfOrigin(document, rig, skeleton)),
+        character=Character(
+            skeleton, mesh, skin, document.path.stem, GltfOrigin(document, rig, skeleton, binds, surface.repaired)
+        ),
         clips=clips,
         convention=CONVENTION,
         notes=tuple(notes),

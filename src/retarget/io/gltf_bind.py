@@ -27,8 +27,8 @@ class Binding:
     """Our joint behind each joint of the skin."""
     inverse_binds: Float[Array, "columns 4 4"]
     """As in the file, faulty ones replaced."""
-    faulty: Bool[Array, "columns"]
-    """Those that were not finite or not invertible."""
+    clean: bool
+    """Whether the file's own matrices may stay in a written file."""
     T_world_mesh: Float[Array, "4 4"]
     """Where the skin's mesh space lies in the world: at binding, vertices stood at T_world_mesh v."""
     tells_pose: bool
@@ -48,7 +48,7 @@ def read_bindings(document: Document, tree: NodeTree, rig: Rig, size: float) -> 
         placed = tree.world[mesh_node[number]] if number in mesh_node else np.eye(4)
         if "inverseBindMatrices" not in skin:
             identity = np.tile(np.eye(4), (len(joints), 1, 1))
-            bindings.append(Binding(joints, identity, np.zeros(len(joints), bool), np.eye(4), False))
+            bindings.append(Binding(joints, identity, True, np.eye(4), False))
             continue
         matrices = _matrices(document, skin["inverseBindMatrices"], len(joints), f"skins[{number}]")
         faulty = ~_invertible(matrices)
@@ -63,8 +63,11 @@ def read_bindings(document: Document, tree: NodeTree, rig: Rig, size: float) -> 
                          "they are taken from the nodes instead")  # fmt: skip
             rest = np.where(_invertible(world)[:, None, None], world, np.eye(4))
             matrices[faulty] = np.linalg.inv(rest[faulty]) @ T_world_mesh
+        # Validators refuse a last row that is not exactly 0 0 0 1, to the last digit.
+        clean = not faulty.any() and bool((matrices[:, 3] == [0, 0, 0, 1]).all())
+        matrices[:, 3] = 0, 0, 0, 1
         distinct = len(joints) == 1 or np.abs(np.diff(matrices, axis=0)).max() > 1e-9
-        bindings.append(Binding(joints, matrices, faulty, T_world_mesh, bool(usable.any() and distinct)))
+        bindings.append(Binding(joints, matrices, clean, T_world_mesh, bool(usable.any() and distinct)))
     return bindings, notes
 
 

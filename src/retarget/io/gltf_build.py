@@ -13,6 +13,7 @@ from retarget.character import Character, Material, Mesh, Skin
 from retarget.errors import RetargetError
 from retarget.io.gltf_draft import INDEX_DATA, PICTURES, VERTEX_DATA, Draft
 from retarget.io.gltf_nodes import GltfOrigin, Rig, read_tree
+from retarget.io.gltf_weights import merge_influences
 
 Array = np.ndarray
 
@@ -95,12 +96,28 @@ def bare_document(character: Character, origin: GltfOrigin) -> tuple[Draft, Rig]
 
 
 def add_skin(draft: Draft, nodes: list[int], inverse_binds: Float[Array, "joints 4 4"], name: str) -> int:
-    matrices = np.swapaxes(inverse_binds, 1, 2).reshape(-1, 16).astype(np.float32)
-    matrices[:, [3, 7, 11]], matrices[:, 15] = 0.0, 1.0  # exactly affine, as validators want it
-    return draft.add(
-        "skins",
-        {"name": name, "inverseBindMatrices": draft.add_accessor(matrices), "joints": nodes, "skeleton": nodes[0]},
-    )
+    matrices = add_matrices(draft, inverse_binds)
+    return draft.add("skins", {"name": name, "inverseBindMatrices": matrices, "joints": nodes, "skeleton": nodes[0]})
+
+
+def add_matrices(draft: Draft, matrices: Float[Array, "joints 4 4"]) -> int:
+    """An accessor of affine matrices, column by column as glTF stores them."""
+    exact = matrices.copy()
+    exact[:, 3] = 0, 0, 0, 1  # inversion leaves 0.9999..., which validators refuse
+    return draft.add_accessor(np.swapaxes(exact, 1, 2).reshape(-1, 16).astype(np.float32))
+
+
+def add_influences(
+    draft: Draft, joints: Int[Array, "vertices influences"], weights: Float[Array, "vertices influences"]
+) -> dict[str, int]:
+    """Accessors of joints and weights, four influences a set, by the names of their attributes."""
+    joints, weights = merge_influences(joints, weights)
+    small = np.uint8 if joints.max(initial=0) < 256 else np.uint16
+    attributes = {}
+    for k in range(0, joints.shape[1], 4):
+        attributes[f"JOINTS_{k // 4}"] = draft.add_accessor(joints[:, k : k + 4].astype(small), target=VERTEX_DATA)
+        attributes[f"WEIGHTS_{k // 4}"] = draft.add_accessor(weights[:, k : k + 4], target=VERTEX_DATA)
+    return attributes
 
 
 def bound_surface(
@@ -112,7 +129,7 @@ def bound_surface(
     are carried to the rest pose and bound there, which is the same in every pose if each vertex's columns agree on where
     it stands at rest. Raises `RetargetError` if they do not.
     """
-    joints, weights = merge_influences(skin.joints[skin.columns], skin.weights)
+    joints, weights = skin.joints[skin.columns], skin.weights
     if len(np.unique(skin.joints)) == len(skin.joints):
         inverse_binds = np.linalg.inv(T_world_rest)
         inverse_binds[skin.joints] = skin.inverse_binds
@@ -131,27 +148,6 @@ def bound_surface(
     return placed, np.linalg.inv(T_world_rest), joints, weights
 
 
-def merge_influences(
-    joints: Int[Array, "vertices influences"], weights: Float[Array, "vertices influences"]
-) -> tuple[Array, Array]:
-    """Each joint once a vertex, the heaviest first, joint 0 where the weight is zero, width a multiple of four."""
-    order = np.argsort(np.where(weights > 0, joints, np.iinfo(np.int64).max), axis=1, kind="stable")
-    joints, weights = np.take_along_axis(joints, order, 1), np.take_along_axis(weights, order, 1).copy()
-    for k in range(joints.shape[1] - 1, 0, -1):
-        same = (joints[:, k] == joints[:, k - 1]) & (weights[:, k] > 0)
-        weights[same, k - 1] += weights[same, k]
-        weights[same, k] = 0.0
-    order = np.argsort(-weights, axis=1, kind="stable")
-    joints, weights = np.take_along_axis(joints, order, 1), np.take_along_axis(weights, order, 1)
-    used = max(int((weights > 0).any(axis=0).sum()), 1)
-    width = -(-used // 4) * 4
-    joints = np.pad(joints, ((0, 0), (0, max(0, width - joints.shape[1]))))[:, :width]
-    weights = np.pad(weights, ((0, 0), (0, max(0, width - weights.shape[1]))))[:, :width]
-    single = weights.astype(np.float32)
-    single[:, 0] = 1.0 - single[:, 1:].sum(axis=1, dtype=np.float64)  # rounded weights still sum to one
-    return np.where(single > 0, joints, 0), single
-
-
 def add_mesh(draft: Draft, mesh: Mesh, vertices: Array, joints: Array, weights: Array, name: str) -> int:
     """The mesh with one primitive a material; all share the vertex data. Normals are smooth across texture seams."""
     target = {"target": VERTEX_DATA}
@@ -161,10 +157,7 @@ def add_mesh(draft: Draft, mesh: Mesh, vertices: Array, joints: Array, weights: 
     }
     if mesh.uvs is not None:
         attributes["TEXCOORD_0"] = draft.add_accessor(mesh.uvs.astype(np.float32), **target)
-    small = np.uint8 if joints.max(initial=0) < 256 else np.uint16
-    for k in range(0, joints.shape[1], 4):
-        attributes[f"JOINTS_{k // 4}"] = draft.add_accessor(joints[:, k : k + 4].astype(small), **target)
-        attributes[f"WEIGHTS_{k // 4}"] = draft.add_accessor(weights[:, k : k + 4], **target)
+    attributes |= add_influences(draft, joints, weights)
     materials = mesh.materials or (Material(),)
     groups = np.zeros(len(mesh.faces), int) if mesh.face_materials is None else mesh.face_materials
     numbers: dict[bytes, int] = {}

@@ -48,6 +48,10 @@ HARMLESS = {
 COMPRESSION = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
 
 
+class MissingFileError(FileError):
+    """A file that a document refers to is not there."""
+
+
 @dataclass(frozen=True, eq=False)
 class Document:
     """One parsed file. Nobody changes what is in it; the writer copies."""
@@ -311,5 +315,5 @@ def resource_file(path: Path, uri: str, place: str) -> Path:
     except (OSError, RuntimeError, ValueError):  # a loop of links, a name too long
         found = False
     if not found:
-        raise FileError(path, f"the file {uri[:80]!r} that it refers to is not in its folder", place)
+        raise MissingFileError(path, f"the file {uri[:80]!r} that it refers to is not in its folder", place)
     return file

@@ -21,6 +21,7 @@ from retarget.body import rotations as rot
 from retarget.body.kinematics import forward
 from retarget.character import Skeleton
 from retarget.io.gltf_document import Document
+from retarget.io.gltf_weights import Influences
 
 Array = np.ndarray
 
@@ -38,9 +39,17 @@ class NodeTree:
     """What the rotation leaves of the node's 3x3 matrix: its scale, for nearly every node a diagonal."""
     world: Float[Array, "nodes 4 4"]
 
-    def matrix(self, node: int) -> Float[Array, "3 3"]:
-        """Rotation and scale of a node within its parent."""
-        return rot.to_matrix(self.rotations[node]) @ self.shapes[node]
+    def local(self, node: int) -> Float[Array, "4 4"]:
+        """Parent-from-node, as the file has it."""
+        return _affine(self.translations[node], self.rotations[node], self.shapes[node])
+
+
+def _affine(
+    translation: Float[Array, "3"], rotation: Float[Array, "4"], shape: Float[Array, "3 3"]
+) -> Float[Array, "4 4"]:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rot.to_matrix(rotation) @ shape, translation
+    return matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +121,7 @@ def read_tree(document: Document) -> NodeTree:
     world = np.zeros((len(nodes), 4, 4))
     for node in order:
         translations[node], rotations[node], shapes[node] = _checked_transform(document, node)
-        local = np.eye(4)
-        local[:3, :3], local[:3, 3] = rot.to_matrix(rotations[node]) @ shapes[node], translations[node]
+        local = _affine(translations[node], rotations[node], shapes[node])
         world[node] = local if parents[node] < 0 else world[parents[node]] @ local
     far = np.abs(world).max(axis=(1, 2)) > 1e12 if len(nodes) else np.zeros(0, bool)
     if far.any():
@@ -275,3 +283,7 @@ class GltfOrigin:
     rig: Rig
     skeleton: Skeleton
     """The skeleton as it was read."""
+    binds: dict[int, Float[Array, "columns 4 4"]]
+    """Inverse bind matrices of the skins (by number) whose own ones must not be repeated."""
+    influences: dict[tuple[int, int], Influences]
+    """Joints and weights to write instead of faulty ones, by the accessors of these (JOINTS_0, WEIGHTS_0)."""

@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from retarget.body.kinematics import joint_transforms, rest_pose
-from retarget.character import Material, Mesh, Skeleton, Skin
-from retarget.errors import FileError
+from retarget.character import Mesh, Skeleton, Skin
 from retarget.io.gltf_bind import Binding, same_placement
-from retarget.io.gltf_document import Document, resource
+from retarget.io.gltf_document import Document
+from retarget.io.gltf_materials import read_material
 from retarget.io.gltf_nodes import NodeTree, Rig, node_name
+from retarget.io.gltf_weights import Influences, read_influences
 
 Array = np.ndarray
 
@@ -38,6 +39,8 @@ class Surface:
     """Joint and inverse bind of each column."""
     columns_of: dict[int, list[int]] = field(default_factory=dict)
     """The columns of each joint."""
+    repaired: dict[tuple[int, int], Influences] = field(default_factory=dict)
+    """Weights that a written file must not repeat, by their accessors (JOINTS_0, WEIGHTS_0)."""
     count: int = 0
 
     def column(self, joint: int, inverse_bind: Float[Array, "4 4"]) -> int:
@@ -92,9 +95,13 @@ class Surface:
             raise self.document.fail(f"has {len(uvs)} texture coordinates for {len(points)} vertices", place)
         self.uvs.append(uvs)
         if skinned:
-            which, weights = self._influences(attributes, len(points), len(columns), place)
-            self.columns.append(columns[which])
-            self.weights.append(weights)
+            read = read_influences(self.document, attributes, len(points), len(columns), place)
+            for fault in read.faults:
+                self._note(fault)
+            if not read.clean:
+                self.repaired[attributes["JOINTS_0"], attributes["WEIGHTS_0"]] = read
+            self.columns.append(columns[read.joints])
+            self.weights.append(read.weights)
         else:
             self.columns.append(np.broadcast_to(columns[:1], (len(points), 1)))
             self.weights.append(np.ones((len(points), 1)))
@@ -112,42 +119,6 @@ class Surface:
                     )
                 points = points + weight * change
         return points
-
-    def _influences(self, attributes: dict, count: int, joints: int, place: str) -> tuple[Array, Array]:
-        """Skin joints and weights of each vertex, all sets side by side, repaired where they are not weights."""
-        which, weights = [], []
-        for number in range(64):
-            if f"JOINTS_{number}" not in attributes or f"WEIGHTS_{number}" not in attributes:
-                break
-            which.append(self.document.integers(attributes[f"JOINTS_{number}"], ("VEC4",)))
-            weights.append(self.document.decoded(attributes[f"WEIGHTS_{number}"], ("VEC4",)))
-            if len(which[-1]) != count or len(weights[-1]) != count:
-                raise self.document.fail(
-                    f"has {len(which[-1])} joint and {len(weights[-1])} weight rows for {count} vertices", place
-                )
-        which, weights = np.concatenate(which, axis=1), np.concatenate(weights, axis=1)
-        spoilt = ~np.isfinite(weights) | (weights < 0)
-        if spoilt.any():
-            self._note(
-                f"{place}: {int(spoilt.any(axis=1).sum())} vertices have weights below zero or not a number; they are set to zero"
-            )
-            weights[spoilt] = 0.0
-        which[weights == 0] = 0
-        if which.size and which.max() >= joints:
-            raise self.document.fail(
-                f"vertex {int(which.max(axis=1).argmax())} follows joint {int(which.max())} of a skin of {joints}",
-                place,
-            )
-        total = weights.sum(axis=1)
-        loose = total <= 1e-9
-        if loose.any():
-            self._note(f"{place}: {int(loose.sum())} vertices have no weights; they follow the skin's first joint")
-            weights[loose], which[loose] = 0.0, 0
-            weights[loose, 0] = 1.0
-        uneven = ~loose & (np.abs(total - 1) > 0.02)
-        if uneven.any():
-            self._note(f"{place}: the weights of {int(uneven.sum())} vertices do not sum to one; they are scaled")
-        return which, weights / weights.sum(axis=1, keepdims=True)
 
     def _add_faces(self, primitive: dict, place: str, start: int, count: int, mirrored: bool) -> None:
         if "indices" in primitive:
@@ -207,43 +178,6 @@ def triangles(corners: Int[Array, "corners"], mode: int) -> Int[Array, "triangle
     return faces[~degenerate]
 
 
-def read_material(document: Document, number: int | None, note) -> Material:
-    if number is None:
-        return Material("", (1.0, 1.0, 1.0, 1.0))
-    entry = document.json["materials"][number]
-    look = entry.get("pbrMetallicRoughness", {})
-    image = None
-    if "baseColorTexture" in look:
-        texture = document.json["textures"][look["baseColorTexture"]["index"]]
-        if "source" in texture:
-            image = read_image(document, texture["source"], note)
-        else:
-            note(f"the picture of material {number} is in a form that cannot be read")
-    colour = tuple(float(part) for part in look.get("baseColorFactor", (1, 1, 1, 1)))
-    return Material(entry.get("name", ""), colour, image, entry.get("doubleSided", False))
-
-
-def read_image(document: Document, number: int, note) -> bytes | None:
-    """The encoded picture; None with a note if it is missing or neither PNG nor JPEG. `FileError` for URIs that leave the folder."""
-    entry, place = document.json["images"][number], f"images[{number}]"
-    if "bufferView" in entry:
-        data = bytes(document.view(entry["bufferView"], place))
-    elif "uri" not in entry:
-        raise document.fail("has neither a uri nor a bufferView", place)
-    else:
-        try:
-            data = resource(document.path, entry["uri"], place)
-        except FileError as error:
-            if "is not in its folder" not in error.problem:
-                raise
-            note(error.problem)
-            return None
-    if not data.startswith((b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")):
-        note(f"picture {number} is neither PNG nor JPEG and is left out")
-        return None
-    return data
-
-
 def mesh_nodes(document: Document, tree: NodeTree, notes: list[str]) -> list[int]:
     """Nodes with a mesh: those of the default scene, or all where that scene shows none."""
     shown = [node for node in tree.order if "mesh" in document.json["nodes"][node]]
@@ -265,52 +199,55 @@ def mesh_nodes(document: Document, tree: NodeTree, notes: list[str]) -> list[int
 
 def read_surface(
     document: Document, tree: NodeTree, rig: Rig, skeleton: Skeleton, bindings: list[Binding], size: float
-) -> tuple[Mesh | None, Skin | None, list[str]]:
+) -> Surface:
     """Everything that moves with the skeleton: skinned meshes, and what hangs rigidly from its joints."""
     surface = Surface(document, size)
     T_world_joint = joint_transforms(*rest_pose(skeleton))
-    joint_of = {int(node): joint for joint, node in enumerate(rig.nodes)}
-    carrier = np.full(len(tree.order), -1)  # the nearest joint at or above each node
-    for node in tree.order:
-        above = carrier[tree.parents[node]] if tree.parents[node] >= 0 else -1
-        carrier[node] = joint_of.get(node, above)
+    carrier, T_joint_node = _carriers(tree, rig)
     tables: dict[int, Array] = {}
     left_out = []
     for node in mesh_nodes(document, tree, surface.notes):
-        entry = document.json["nodes"][node]
+        entry, joint = document.json["nodes"][node], carrier[node]
         primitives = document.json["meshes"][entry["mesh"]]["primitives"]
         if "skin" in entry and all({"JOINTS_0", "WEIGHTS_0"} <= set(part["attributes"]) for part in primitives):
-            number = entry["skin"]
-            binding = bindings[number]
+            number, binding = entry["skin"], bindings[entry["skin"]]
             if number not in tables:
-                stretched = np.tile(np.eye(4), (len(binding.joints), 1, 1))
-                stretched[:, :3, :3] = rig.stretch[binding.joints]
-                matrices = stretched @ binding.inverse_binds @ np.linalg.inv(binding.T_world_mesh)
-                tables[number] = np.array([surface.column(int(j), m) for j, m in zip(binding.joints, matrices)])
+                tables[number] = _bound_columns(surface, rig, binding)
             surface.add_mesh(node, binding.T_world_mesh, tables[number], skinned=True)
-        elif carrier[node] >= 0:
-            # Seen from the node's joint the mesh never moves; in the rest pose it stands where that joint stands.
-            joint = int(carrier[node])
-            above = rig.nodes[joint]
-            local, at = np.eye(4), node
-            while at != above:
-                step = np.eye(4)
-                step[:3, :3], step[:3, 3] = tree.matrix(at), tree.translations[at]
-                local, at = step @ local, int(tree.parents[at])
-            stretched = np.eye(4)
-            stretched[:3, :3] = rig.stretch[joint]
+        elif joint >= 0:
+            # Seen from its joint the mesh never moves; in the rest pose it stands where that joint stands.
             column = surface.column(joint, np.linalg.inv(T_world_joint[joint]))
-            surface.add_mesh(node, T_world_joint[joint] @ stretched @ local, np.array([column]), skinned=False)
+            surface.add_mesh(node, T_world_joint[joint] @ T_joint_node[node], np.array([column]), skinned=False)
         else:
             left_out.append(node_name(document, node))
-    notes = surface.notes
     if left_out:
-        notes.append(
-            f"{len(left_out)} meshes hang from no joint and are left out: {', '.join(map(repr, left_out[:3]))}"
-        )
-    if not surface.faces:
-        return None, None, notes
-    return surface.mesh(), surface.skin(), notes
+        listed = ", ".join(map(repr, left_out[:3]))
+        surface.notes.append(f"{len(left_out)} meshes hang from no joint and are left out: {listed}")
+    return surface
+
+
+def _carriers(tree: NodeTree, rig: Rig) -> tuple[list[int], dict[int, Float[Array, "4 4"]]]:
+    """The nearest joint at or above each node (-1: none), and where the node stands in that rigid joint's frame."""
+    joint_of = {int(node): joint for joint, node in enumerate(rig.nodes)}
+    carrier, T_joint_node = [-1] * len(tree.order), {}
+    for node in tree.order:
+        parent = int(tree.parents[node])
+        if node in joint_of:
+            carrier[node] = joint_of[node]
+            T_joint_node[node] = np.eye(4)
+            T_joint_node[node][:3, :3] = rig.stretch[joint_of[node]]
+        elif parent >= 0 and carrier[parent] >= 0:
+            carrier[node] = carrier[parent]
+            T_joint_node[node] = T_joint_node[parent] @ tree.local(node)
+    return carrier, T_joint_node
+
+
+def _bound_columns(surface: Surface, rig: Rig, binding: Binding) -> Int[Array, "bound"]:
+    """Columns of a skin's joints, with vertices given where they stood in the world at binding."""
+    stretched = np.tile(np.eye(4), (len(binding.joints), 1, 1))
+    stretched[:, :3, :3] = rig.stretch[binding.joints]
+    matrices = stretched @ binding.inverse_binds @ np.linalg.inv(binding.T_world_mesh)
+    return np.array([surface.column(int(joint), matrix) for joint, matrix in zip(binding.joints, matrices)])
 
 
 def read_still_mesh(document: Document, tree: NodeTree) -> tuple[Mesh | None, list[str]]:

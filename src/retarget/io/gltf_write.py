@@ -11,7 +11,7 @@ from retarget.body import rotations as rot
 from retarget.body.kinematics import local_positions
 from retarget.character import Character, Motion, Skeleton
 from retarget.errors import FileError, RetargetError
-from retarget.io.gltf_build import bare_document, character_document
+from retarget.io.gltf_build import add_influences, add_matrices, bare_document, character_document
 from retarget.io.gltf_draft import Draft, write_files
 from retarget.io.gltf_nodes import GltfOrigin, Rig, node_transform
 
@@ -51,6 +51,7 @@ def save(
         draft, rig = bare_document(character, origin)
     else:
         draft, rig = Draft.of(origin.document, keep_clips), origin.rig
+        _repair(draft, origin)
     if motions:
         _free_nodes(draft, rig, path)
     for motion in motions:
@@ -66,6 +67,25 @@ def _check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:
     raise RetargetError(
         f"{owner} has another skeleton than the character written to: {len(skeleton)} joints against {len(expected)}, {other}"
     )
+
+
+def _repair(draft: Draft, origin: GltfOrigin) -> None:
+    """Point skins and primitives whose data was faulty to mended data; the faulty bytes stay where they are, unused."""
+    for number, inverse_binds in origin.binds.items():
+        matrices = add_matrices(draft, inverse_binds)
+        draft.json["skins"][number] = {**draft.json["skins"][number], "inverseBindMatrices": matrices}
+    mended = {key: add_influences(draft, each.joints, each.weights) for key, each in origin.influences.items()}
+    for number, mesh in enumerate(draft.json.get("meshes", ())):
+        primitives = []
+        for primitive in mesh["primitives"]:
+            attributes = primitive["attributes"]
+            key = attributes.get("JOINTS_0"), attributes.get("WEIGHTS_0")
+            if key in mended:
+                kept = {k: v for k, v in attributes.items() if not k.startswith(("JOINTS_", "WEIGHTS_"))}
+                primitive = {**primitive, "attributes": {**kept, **mended[key]}}
+            primitives.append(primitive)
+        if primitives != mesh["primitives"]:
+            draft.json["meshes"][number] = {**mesh, "primitives": primitives}
 
 
 def _free_nodes(draft: Draft, rig: Rig, path: Path) -> None:

@@ -17,15 +17,18 @@ from retarget.body.kinematics import forward, local_positions, local_rotations, 
 from retarget.body import rotations as rot
 from retarget.character import Motion, Pose
 from retarget.contact.ground import GroundContacts, ground_contacts
-from retarget.contact.support import SupportLimb, leg_length, support_limbs, support_points
+from retarget.contact.support import SupportLimb, descendants, leg_length, support_limbs, support_points
 from retarget.errors import RetargetError
 from retarget.methods.base import LAWS, Method, Result, Retargeter
 from retarget.motion.align import Actor, same_skeleton
 from retarget.motion.anatomy import bend_directions
 from retarget.motion.copy import CopyPlan, complete, copy_rotations, plan_copy, positions_of
-from retarget.motion.foot_lock import LimbGoal, hip_drop, limb_goal, reach_goals
+from retarget.motion.foot_lock import body_lift, hip_drop, limb_goal, reach_goals
 
 Array = np.ndarray
+
+LEGS = 2
+"""The first two support limbs are the legs."""
 
 
 @dataclass(frozen=True)
@@ -146,15 +149,23 @@ class PreparedCopy(Retargeter):
     def _hold(
         self, world: Array, placed: Array, hips: Array, contacts: GroundContacts, source_floor: float, fps: float
     ) -> tuple[Array, Array]:
-        goals, column = [], 0
-        for limb, points in zip(self.target_limbs, support_points(self.target_limbs, world, placed)):
-            columns = slice(column, column + len(limb.points))
-            column += len(limb.points)
-            support = (contacts.support[:, columns] - source_floor) * self.plan.scale + self.floor
-            goals.append(limb_goal(limb, points, contacts.touching[:, columns], support, self.floor, fps))
+        counts = np.cumsum([len(limb.points) for limb in self.target_limbs])[:-1]
+        touching = np.split(contacts.touching, counts, axis=1)
+        support = np.split((contacts.support - source_floor) * self.plan.scale + self.floor, counts, axis=1)
+        points = support_points(self.target_limbs, world, placed)
+        # The floor is no obstacle to a foot that goes below it in the source (a step down, a captured slope).
+        sources = [(heights - source_floor) * self.plan.scale + self.floor for heights in np.split(contacts.heights, counts, axis=1)]
+        ground = [np.minimum(self.floor, heights.min(axis=1)) for heights in sources]
+        lift = body_lift(points[:LEGS], touching[:LEGS], support[:LEGS], fps)[:, None] * [0.0, 1.0, 0.0]
+        placed, hips = placed + lift[:, None], hips + lift
+        goals = [
+            limb_goal(limb, placed[:, limb.joints[2]], path + lift[:, None], rests, level, lowest, fps)
+            for limb, path, rests, level, lowest in zip(self.target_limbs, points, touching, support, ground)
+        ]
         drop = hip_drop(goals, placed, fps)
         poles = bend_directions(self.target.skeleton, self.target.humanoid)
-        held = reach_goals(goals, world, placed, poles, drop)
+        below = {limb.joints[2]: descendants(self.plan.target, limb.joints[2]) for limb in self.target_limbs}
+        held = reach_goals(goals, world, placed, poles, drop, below)
         complete(self.plan, held)
         return held, hips - drop[:, None] * [0, 1, 0]
 

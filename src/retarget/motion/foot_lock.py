@@ -1,8 +1,9 @@
 """Hold what rests on the ground: feet that stand, palms that push, without a pop.
 
-While a point rests, the limb's end is displaced so that the point stays exactly where it is held; between contacts the
-displacement runs along a cubic that leaves with the speed it had, so that the whole path stays smooth. Then the hips sink
-just enough for straight legs to reach, and two-bone inverse kinematics follows.
+For each limb a displacement of its end joint is sought that makes resting points stand still and touch their support,
+is smooth everywhere else, and fades where nothing rests. That is a least-squares problem over the whole clip with a
+banded matrix, solved in one pass. Then the hips sink just enough for straight legs to reach, and two-bone inverse
+kinematics follows. The formulation is ours.
 """
 
 from __future__ import annotations
@@ -14,120 +15,150 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from retarget.body import rotations as rot
-from retarget.contact.ground import intervals
 from retarget.contact.support import SupportLimb
 from retarget.motion.filter import gaussian, upper_envelope
 from retarget.motion.ik import two_bone
 
 Array = np.ndarray
 
-RAMP = 0.30
-"""Seconds over which a displacement fades to nothing when no other contact is near. Our choice."""
+# Our choices, in seconds.
+FADE = 0.25
+"""A displacement fades over about this time where nothing rests."""
+GRIP = 0.006
+"""A point that comes to rest stands still after about this time: below a frame, so contacts hold exactly."""
+LIFT_SIGMA = 0.10
+"""Low-pass on the body's lift."""
 STRETCH = 0.9995
 """Share of its length to which a leg is stretched at most (or as far as the copied pose stretches it)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LimbGoal:
-    """Where the end joint of a limb has to be displaced to, over a clip."""
+    """How the end joint of a limb has to be displaced over a clip."""
 
     limb: SupportLimb
     displacement: Float[Array, "frames 3"]
-    """To be added to the copied position of the limb's end joint, metres."""
+    """To be added to the copied position of the end joint, metres."""
+    turn: Float[Array, "frames"]
+    """To be turned about the vertical on top of the copied rotation, radians."""
     active: Bool[Array, "frames"]
     """Frames on which some point of it rests."""
 
 
+def body_lift(
+    points: Sequence[Float[Array, "frames points 3"]],
+    touching: Sequence[Bool[Array, "frames points"]],
+    support: Sequence[Float[Array, "frames points"]],
+    fps: float,
+) -> Float[Array, "frames"]:
+    """How far the whole body should rise (or sink, negative) so that resting feet meet their support on average.
+
+    What legs of other proportions are off by goes into the height of the hips first, not into the bend of the knees.
+    Takes the lists of the legs only. Between contacts the lift runs on linearly; it is low-passed.
+    """
+    frames = len(points[0])
+    lifts = np.full((frames, len(points)), np.nan)
+    for leg, (path, rests, level) in enumerate(zip(points, touching, support)):
+        lift = np.where(rests, level - path[..., 1], -np.inf).max(axis=1)
+        lifts[:, leg] = np.where(np.isfinite(lift), lift, np.nan)
+    standing = np.flatnonzero(np.isfinite(lifts).any(axis=1))
+    if len(standing) == 0:
+        return np.zeros(frames)
+    known = np.nanmean(lifts[standing], axis=1)
+    return gaussian(np.interp(np.arange(frames), standing, known), LIFT_SIGMA * fps)
+
+
 def limb_goal(
     limb: SupportLimb,
+    end: Float[Array, "frames 3"],
     points: Float[Array, "frames points 3"],
     touching: Bool[Array, "frames points"],
     support: Float[Array, "frames points"],
-    floor: float,
+    ground: Float[Array, "frames"],
     fps: float,
 ) -> LimbGoal:
-    """Displacement of one limb from its points' copied trajectories and the contacts they should keep.
+    """Displacement of one limb from its copied trajectories and the contacts that it should keep.
 
-    `support` is the height under each point, in the target's world.
+    `end` is the copied path of its last joint, `points` those of the points fixed to it, `support` the height under each
+    point, `ground` the height below which no point may sink, all in the target's world.
     """
     active = touching.any(axis=1)
-    displacement = np.zeros((len(points), 3))
-    runs = intervals(active)
-    for start, stop in runs:
-        part = slice(start, stop)
-        displacement[part, [0]], displacement[part, [2]] = (
-            column[:, None] for column in _held_in_place(points[part], touching[part], fps)
-        )
-        lift = np.where(touching[part], support[part] - points[part, :, 1], -np.inf).max(axis=1)
-        displacement[part, 1] = gaussian(lift, 0.02 * fps)
-    _bridge(displacement, runs, fps)
-    # Nothing sinks below the floor, held or not.
-    below = floor - (points[..., 1] + displacement[:, None, 1]).min(axis=1)
-    free = ~active
-    displacement[free, 1] += np.maximum(below[free], 0.0)
-    return LimbGoal(limb, displacement, active)
+    turn = np.zeros(len(points))
+    if points.shape[1] == 2:  # a foot: while heel and ball both rest it does not swivel either
+        sole = points[:, 1] - points[:, 0]
+        heading = np.unwrap(np.arctan2(sole[:, 0], sole[:, 2]))
+        turn = settle(heading[:, None, None], touching.all(axis=1, keepdims=True), fps)[:, 0]
+        spin = rot.from_rotation_vector(turn[:, None] * np.array([0.0, 1.0, 0.0]))
+        points = end[:, None] + rot.rotate(spin[:, None], points - end[:, None])
+    displacement = np.empty((len(points), 3))
+    displacement[:, [0, 2]] = settle(points[..., [0, 2]], touching, fps)
+    displacement[:, 1] = _settle_height(points[..., 1], touching, support, ground, fps)
+    return LimbGoal(limb, displacement, turn, active)
 
 
-def _held_in_place(points: Float[Array, "frames points 3"], touching: Bool[Array, "frames points"], fps: float) -> tuple[Array, Array]:
-    """Horizontal displacement during one stance (heel down to toe off), by x and z.
+def settle(
+    values: Float[Array, "frames points channels"], resting: Bool[Array, "frames points"], fps: float
+) -> Float[Array, "frames channels"]:
+    """The smooth correction d that makes every point stand still while it rests.
 
-    The anchors of all points come from the frames where most of them rest at once, so that a rolling foot passes from
-    heel to ball without being pulled.
+    Minimises  sum over resting steps |Δ(p + d)|² / g²  +  sum |Δ²d|²  +  sum |d|² / f⁴  with g the grip and f the fade in
+    frames: contact steps cost their movement, all else costs the curvature that the correction adds.
     """
-    count = touching.sum(axis=1)
-    flat = count == count.max()
-    share = gaussian(touching.astype(float), 0.02 * fps) * touching
-    share /= np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
-    result = []
-    for axis in (0, 2):
-        anchors = points[flat][:, :, axis].mean(axis=0)
-        result.append((share * (anchors - points[:, :, axis])).sum(axis=1))
-    return result[0], result[1]
+    still = (resting[1:] & resting[:-1]).astype(float)
+    step_weight = still.sum(axis=1) / (GRIP * fps) ** 2
+    moved = (still[..., None] * np.diff(values, axis=0)).sum(axis=1)
+    step_goal = -moved / np.maximum(still.sum(axis=1), 1)[:, None]
+    return _least_squares(np.zeros(len(values)), np.zeros((len(values), values.shape[2])), step_weight, step_goal, fps)
 
 
-def _bridge(displacement: Float[Array, "frames 3"], runs: list[tuple[int, int]], fps: float) -> None:
-    """Fill the frames between contacts, in place, with cubics that join on in value and speed."""
-    frames = len(displacement)
-    if not runs:
-        return
-    ramp = max(2, int(round(RAMP * fps)))
-    reach = max(1, int(round(0.02 * fps)))
-
-    def speed_at(frame: int, inward: int) -> Array:
-        other = frame + inward * reach
-        inside = next((start <= other < stop for start, stop in runs if start <= frame < stop), False)
-        return (displacement[frame] - displacement[other]) / reach if inside else np.zeros(3)
-
-    def fade(edge: int, outward: int, length: int) -> None:
-        steps = np.arange(1, length + 1)
-        frames_out = edge + outward * steps
-        keep = (frames_out >= 0) & (frames_out < frames)
-        displacement[frames_out[keep]] = _cubic(displacement[edge], speed_at(edge, -outward), np.zeros(3), np.zeros(3), length, steps[keep])
-
-    first, last = runs[0][0], runs[-1][1]
-    fade(first, -1, ramp)
-    for (_, stop), (start, _) in zip(runs, runs[1:]):
-        gap = start - stop + 1
-        if gap <= 2.7 * ramp:
-            steps = np.arange(1, gap)
-            displacement[stop : start] = _cubic(
-                displacement[stop - 1], speed_at(stop - 1, -1), displacement[start], -speed_at(start, 1), gap, steps
-            )
-        else:
-            fade(stop - 1, 1, ramp)
-            fade(start, -1, ramp)
-    fade(last - 1, 1, ramp)
+def _settle_height(
+    heights: Float[Array, "frames points"],
+    touching: Bool[Array, "frames points"],
+    support: Float[Array, "frames points"],
+    ground: Float[Array, "frames"],
+    fps: float,
+) -> Float[Array, "frames"]:
+    """Vertical correction: the lowest resting point meets its support, and nothing else sinks below the ground."""
+    need = np.where(touching, support - heights, -np.inf).max(axis=1)
+    pinned = np.isfinite(need)
+    lowest = heights.min(axis=1)
+    # Free points that would sink are pinned to the ground as well; each round can only add such frames.
+    for _ in range(3):
+        weight = pinned / (GRIP * fps) ** 4
+        lift = _least_squares(weight, np.where(pinned, need, 0.0)[:, None], np.zeros(len(need) - 1), np.zeros((len(need) - 1, 1)), fps)
+        sunk = ~pinned & (lowest + lift[:, 0] < ground - 1e-4)
+        if not sunk.any():
+            break
+        need, pinned = np.where(sunk, ground - lowest, need), pinned | sunk
+    return lift[:, 0]
 
 
-def _cubic(a: Array, speed_a: Array, b: Array, speed_b: Array, length: int, steps: Array) -> Float[Array, "steps 3"]:
-    """Hermite cubic from a to b over `length` frames, speeds per frame, evaluated at whole frames."""
-    t = (steps / length)[:, None]
-    return (
-        (2 * t**3 - 3 * t**2 + 1) * a
-        + (t**3 - 2 * t**2 + t) * length * speed_a
-        + (3 * t**2 - 2 * t**3) * b
-        + (t**3 - t**2) * length * speed_b
-    )
+def _least_squares(
+    weight: Float[Array, "frames"],
+    goal: Float[Array, "frames channels"],
+    step_weight: Float[Array, "steps"],
+    step_goal: Float[Array, "steps channels"],
+    fps: float,
+) -> Float[Array, "frames channels"]:
+    """Minimise  Σ weight (d - goal)² + Σ step_weight (Δd - step_goal)² + Σ (Δ²d)² + Σ d² / fade⁴  by banded Cholesky."""
+    from scipy.linalg import solveh_banded
+
+    frames = len(weight)
+    band = np.zeros((3, frames))  # lower form: diagonal, first, second below
+    band[0] = weight + (FADE * fps) ** -4
+    band[0, :-1] += step_weight
+    band[0, 1:] += step_weight
+    band[1, :-1] -= step_weight
+    if frames > 2:
+        for offset, (diagonal, first, second) in enumerate(((1, -2, 1), (4, -2, 0), (1, 0, 0))):
+            rows = slice(offset, frames - 2 + offset)
+            band[0, rows] += diagonal
+            band[1, rows] += first
+            band[2, rows] += second
+    right = weight[:, None] * goal
+    right[:-1] -= step_weight[:, None] * step_goal
+    right[1:] += step_weight[:, None] * step_goal
+    return solveh_banded(band[: min(3, frames)], right, lower=True, check_finite=False)
 
 
 def hip_drop(
@@ -156,24 +187,30 @@ def reach_goals(
     world_positions: Float[Array, "frames joints 3"],
     poles: dict[str, Float[Array, "3"]],
     drop: Float[Array, "frames"],
+    below: dict[int, Sequence[int]],
 ) -> Float[Array, "frames joints 4"]:
     """World rotations in which the limbs reach their goals after the hips sank by `drop`.
 
     `poles` holds, for each limb, the direction in which its middle joint bends out, in the first joint's frame. The end
-    joints keep their world rotation; joints in between and below are for the caller to refill.
+    joints keep their world rotation but for the goal's turn, with all joints `below` each (itself included); joints in
+    between are for the caller to refill.
     """
     turned = world_rotations.copy()
     sink = drop[:, None] * np.array([0.0, 1.0, 0.0])
     for goal in goals:
-        if not (goal.active.any() or drop.any()) or (goal.limb.name.endswith("Arm") and not goal.active.any()):
+        is_leg = goal.limb.name.endswith("Leg")
+        if not goal.active.any() and not (is_leg and drop.any()):
             continue
         top, middle, end = goal.limb.joints
         at = world_positions[:, [top, middle, end]] - sink[:, None]
         held = world_positions[:, end] + goal.displacement
-        if goal.limb.name.endswith("Arm"):
-            held = np.where(np.abs(goal.displacement).max(axis=-1, keepdims=True) > 0, held, at[:, 2])
+        if not is_leg:  # hands leave the ground they stood on with the body: they sink with it
+            held = held - sink * ~goal.active[:, None]
         pole = rot.rotate(world_rotations[:, top], poles[goal.limb.name])
         upper, lower = two_bone(at[:, 0], at[:, 1], at[:, 2], held, pole)
         turned[:, top] = rot.multiply(upper, world_rotations[:, top])
         turned[:, middle] = rot.multiply(lower, world_rotations[:, middle])
+        spin = rot.from_rotation_vector(goal.turn[:, None] * np.array([0.0, 1.0, 0.0]))
+        for joint in below[end]:
+            turned[:, joint] = rot.multiply(spin, world_rotations[:, joint])
     return turned

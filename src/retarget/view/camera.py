@@ -33,7 +33,13 @@ class Camera:
     def __post_init__(self) -> None:
         values = np.array([*self.target, self.azimuth, self.elevation, self.distance, self.span, self.shift])
         if not np.isfinite(values).all() or self.distance <= 0 or self.span <= 0 or abs(self.elevation) > 89:
-            raise RetargetError(f"a camera needs finite numbers, distance, span > 0, |elevation| <= 89; received {self}")
+            needs = "finite numbers, distance and span above zero, elevation within -89..89"
+            raise RetargetError(f"a camera needs {needs}; received {self}")
+
+    @property
+    def scale(self) -> float:
+        """About the size of what is looked at, metres: line widths and fading follow it, so that cropping does not."""
+        return self.distance / 4.5
 
     def axes(self) -> Float[Array, "3 3"]:
         """Rows: the directions of the picture's right and up, and the one from the target to the camera."""

@@ -16,7 +16,7 @@ GROUND = np.array([0.78, 0.785, 0.78], dtype=np.float32)
 LINE = np.array([0.52, 0.53, 0.54], dtype=np.float32)
 SHADOW = np.array([0.30, 0.32, 0.36], dtype=np.float32)
 REACH = 1.5
-"""The ground has faded away at this distance from the target, in units of the picture's span."""
+"""The ground has faded away at this distance from the target, in units of the camera's scale."""
 MAP = 160
 """Texels along the longer side of the shadow, without its blurred border."""
 
@@ -38,11 +38,11 @@ def draw_ground(
     rows, x, z = _ground_points(camera, width, height, floor)
     if len(rows) < 2:
         return picture
-    away = np.hypot(x - camera.target[0], z - camera.target[2]) / camera.span
+    away = np.hypot(x - camera.target[0], z - camera.target[2]) / camera.scale
     across = np.abs((np.arange(width) + 0.5) / width * 2 - 1)
     across = _smooth((1.0 - across) / 0.35).astype(np.float32)
-    step = grid_step(camera.span)
-    lines = np.maximum(_lines(x, step, camera.span), _lines(z, step, camera.span))
+    step = grid_step(camera.scale)
+    lines = np.maximum(_lines(x, step, camera.scale), _lines(z, step, camera.scale))
     strength = np.clip(1.25 - away / REACH * 1.25, 0.0, 1.0) * across
     part = BACKGROUND + (GROUND - BACKGROUND) * strength[..., None] + (LINE - GROUND) * (lines * strength)[..., None]
     if len(faces):
@@ -52,10 +52,10 @@ def draw_ground(
     return picture
 
 
-def grid_step(span: float) -> float:
-    """Distance of the grid lines in metres: the 1, 2 or 5 times a power of ten next below a third of the picture."""
-    power = 10.0 ** np.floor(np.log10(span / 3))
-    return float(max(k * power for k in (1, 2, 5) if k * power <= span / 3))
+def grid_step(scale: float) -> float:
+    """Distance of the grid lines in metres: the 1, 2 or 5 times a power of ten next below 0.4 of the body."""
+    power = 10.0 ** np.floor(np.log10(0.4 * scale))
+    return float(max(k * power for k in (1, 2, 5) if k * power <= 0.4 * scale))
 
 
 def _ground_points(
@@ -72,17 +72,17 @@ def _ground_points(
         along = (floor - eye[1]) / ray[:, 1]
         x, z = eye[0] + along * ray[:, 0], eye[2] + along * ray[:, 2]
         away = np.hypot(x - camera.target[0], z - camera.target[2])
-        rows = np.flatnonzero((along > 0) & (away < REACH * camera.span))
+        rows = np.flatnonzero((along > 0) & (away < REACH * camera.scale))
     along = along[rows, None]
     x, z = ((start[rows, None] + along * u * right[k]).astype(np.float32) for start, k in ((x, 0), (z, 2)))
     return rows, x, z
 
 
-def _lines(position: Float[Array, "rows width"], step: float, span: float) -> Float[Array, "rows width"]:
+def _lines(position: Float[Array, "rows width"], step: float, scale: float) -> Float[Array, "rows width"]:
     """How much of each pixel a family of parallel lines covers."""
     pixel = np.abs(np.gradient(position, axis=0)) + np.abs(np.gradient(position, axis=1))
-    pixel = np.maximum(pixel, 1e-9 * span)
-    half = 0.002 * span
+    pixel = np.maximum(pixel, 1e-9 * scale)
+    half = 0.002 * scale
     distance = np.abs(position / step - np.round(position / step)) * step
     return np.clip((half - distance) / pixel + 0.5, 0.0, 1.0) * np.minimum(1.0, 2 * half / pixel)
 
@@ -112,8 +112,8 @@ def _shadow(
 
 
 def _bilinear(
-    image: Float[Array, "rows columns"], x: Float[Array, "rows width"], y: Float[Array, "rows width"]
-) -> Float[Array, "rows width"]:
+    image: Float[Array, "rows columns"], x: Float[Array, "high wide"], y: Float[Array, "high wide"]
+) -> Float[Array, "high wide"]:
     """The image between its texel centres, 0 outside."""
     rows, columns = image.shape
     inside = np.nonzero((x >= 0) & (y >= 0) & (x < columns - 1) & (y < rows - 1))

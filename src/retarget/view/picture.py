@@ -31,7 +31,7 @@ SHALLOWEST = 0.4
 """Height of a small body's cell over that of the largest."""
 MARGIN = 0.05
 """Part of the cell's height that stays free on every side of the body."""
-AWAY = 5.0
+AWAY = 4.5
 """Distance of the camera in sizes of the body: a long lens."""
 LARGEST = 200_000_000
 """Pixels a sheet may have."""
@@ -78,12 +78,12 @@ def sheet(
     """A picture with a row for every body and its frames side by side.
 
     `size` is the height of a cell in pixels (rows of smaller bodies are cut to what they need); all cells share one
-    width, as narrow as the poses allow. A row with more frames than `columns` continues on the next line. `view` is 'three-quarter', 'front', 'side', 'back' or an azimuth
-    in degrees (0 sees the front of a subject that faces +Z, 90 its left). Every row keeps one scale; all rows share it
-    where their bodies differ by less than three times, so that a child looks smaller than an adult. The camera follows
-    the body along the ground but not upwards, so that jumps are seen. The ground is y = 0, unless a body's lowest point
-    over all its frames lies more than an eighth of its size below that or more than its half above: then the ground is
-    drawn at that point and the label says so.
+    width, as narrow as the poses allow. A row with more frames than `columns` continues on the next line. `view` is
+    'three-quarter', 'front', 'side', 'back' or an azimuth in degrees (0 sees the front of a subject that faces +Z, 90
+    its left). Every row keeps one scale; rows whose bodies differ by less than three times share it, so that a child
+    looks smaller than an adult. The camera follows the body along the ground but not upwards, so that jumps are seen.
+    The ground is y = 0, unless a body's lowest point over all its frames lies more than an eighth of its size below
+    that or more than its half above: then the ground is drawn at that point and the label says so.
 
     Raises `RetargetError` for an unknown view and for sheets without rows or beyond 200 million pixels.
     """

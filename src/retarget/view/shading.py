@@ -52,7 +52,7 @@ def render(
     color = base_color(surface, seen.points, seen.faces, seen.corners, seen.weights)
     eye = np.asarray(camera.target) + camera.axes()[2] * camera.distance
     color *= _light(smooth_normals(surface, vertices, seen.faces, seen.weights, eye), camera)
-    color *= _crevices(seen.nearness, camera, max(1, round(0.022 * height))).ravel()[seen.pixels, None]
+    color *= _crevices(seen.nearness, camera, height).ravel()[seen.pixels, None]
     cover = _cover(seen, vertices, camera, floor)
     color *= cover[:, None]
     rows, columns = seen.nearness.shape
@@ -115,7 +115,7 @@ def _cover(
     cover = np.ones(len(seen.faces), dtype=np.float32)
     if floor is not None and camera.elevation > 0 and vertices[:, 1].min() < floor:
         level = np.einsum("sc,sc->s", seen.weights, vertices[:, 1].astype(np.float32)[seen.corners])
-        cover[level < floor - 0.002 * camera.span] = 0.3
+        cover[level < floor - 0.002 * camera.scale] = 0.3
     return cover
 
 
@@ -132,13 +132,14 @@ def _light(normals: Float[Array, "samples 3"], camera: Camera) -> Float[Array, "
     return (tone + 0.5 * edge * np.clip(rim, 0.0, None))[:, None] * cool + (0.86 * key)[:, None] * warm
 
 
-def _crevices(near: Float[Array, "rows columns"], camera: Camera, radius: int) -> Float[Array, "rows columns"]:
+def _crevices(near: Float[Array, "rows columns"], camera: Camera, height: int) -> Float[Array, "rows columns"]:
     """Darken what lies behind its surroundings: unsharp masking of the depth buffer (Luft et al. 2006), here over the
     body alone, so that the background neither darkens nor lightens an outline."""
     body = near > 0
     depth = np.where(body, 1.0 / np.where(body, near, 1.0) - camera.distance, 0.0).astype(np.float32)
+    radius = max(1, round(0.022 * height * camera.scale / camera.span))
     mean = blur(depth, radius) / np.maximum(blur(body.astype(np.float32), radius), 1e-3)
-    return 1.0 - 0.45 * np.clip((depth - mean) / (0.06 * camera.span), 0.0, 1.0)
+    return 1.0 - 0.45 * np.clip((depth - mean) / (0.06 * camera.scale), 0.0, 1.0)
 
 
 def _soften(linear: Float[Array, "*shape"]) -> Float[Array, "*shape"]:

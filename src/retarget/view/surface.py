@@ -134,13 +134,15 @@ def smooth_normals(
 ) -> Float[Array, "samples 3"]:
     """Unit normals toward the viewer, smooth except across edges that are sharp (a cube's stay flat)."""
     faces = surface.mesh.faces
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    flat = np.cross(b - a, c - a)  # its length, twice the area, weights the mean at each vertex
+    triangles = vertices[faces]
+    sides = unit(triangles[:, [1, 2, 0]] - triangles)
+    flat = unit(np.cross(sides[:, 0], sides[:, 1]))
+    # Weighted by the angle at each corner (Thürmer and Wüthrich 1998), so that it does not matter how a side was cut.
+    angles = np.arccos(np.clip(-np.einsum("fck,fck->fc", sides, sides[:, [2, 0, 1]]), -1.0, 1.0)).ravel()
     joint = surface.welded[faces]
-    count = len(vertices)
-    smooth = np.stack([np.bincount(joint.ravel(), np.repeat(flat[:, k], 3), count) for k in range(3)], axis=1)
-    flat = unit(flat)
-    flip = np.where(((eye - a) * flat).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    sums = [np.bincount(joint.ravel(), angles * np.repeat(flat[:, k], 3), len(vertices)) for k in range(3)]
+    smooth = np.stack(sums, axis=1)
+    flip = np.where(((eye - triangles[:, 0]) * flat).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     corner = unit(smooth)[joint]
     agree = np.einsum("fck,fk->fc", corner, flat)
     # 1 up to 32 degrees between face and vertex normal, 0 from 46 on; a cube's vertices are at 55.
