@@ -7,41 +7,69 @@ vertex, or a fixed convex combination of a few (welded lips, eye patches), so th
 from __future__ import annotations
 
 import heapq
+from typing import NamedTuple
 
 import numpy as np
-from human_source import BaseMesh
+from human_source import BODY_VERTICES, BaseMesh
 from scipy.spatial import Delaunay
+
+Face = tuple[int, int, int]
 
 MOUTH_START = 520  # midline vertex of the upper lip where the lips meet; its edge loop bounds the mouth's inside
 EYE_START = 13352  # upper lid, the last edge loop in front of the left eyeball
 IRIS, PUPIL = 0.0050, 0.0021  # radii in metres on the average adult
+EYE_UV = np.array([[0.12, 0.59], [0.045, 0.59]])  # centres of the left and right eye, where the sockets had been
+EYE_UV_WIDTH = 0.055
 
 
 class Half:
-    """The left half while it is worked on: triangles over rows of `combine` (rows: original vertex -> weight)."""
+    """The left half while it is worked on: faces over original and new vertices, with a texture corner each."""
 
     def __init__(self, base: BaseMesh, shapes: np.ndarray) -> None:
         self.base = base
         self.on_mid = base.mirror == np.arange(len(base.mirror))
-        self.combine: dict[int, dict[int, float]] = {}
-        self.shapes = shapes  # (shapes, vertices, 3), grows with new vertices
-        keep = (base.left | self.on_mid)[base.quads].all(axis=1)
-        self.quads = base.quads[keep]
-        self.mid = set(np.unique(self.quads)[self.on_mid[np.unique(self.quads)]].tolist())
+        self.combine: dict[int, dict[int, float]] = {}  # new vertex -> weights of original ones
+        self.shapes = shapes  # (shapes, vertices, 3), the average body first; grows with new vertices
+        self.uvs = base.uvs.tolist()
+        self.mirrored_uv = mirrored_corners(base)
+        self.rows = np.flatnonzero((base.left | self.on_mid)[base.quads].all(axis=1))  # of the base's quads
+        self.quads, self.quad_uvs = base.quads[self.rows], base.quad_uvs[self.rows]
+        self.mid = set(self.quads[self.on_mid[self.quads]].tolist())
         self.locked: set[int] = set()
-        self.eye_faces: dict[str, list[tuple[int, int, int]]] = {}
-        self.triangles: set[tuple[int, int, int]] = set()
+        self.eye_faces: dict[str, list[Face]] = {}
+        self.triangles: dict[Face, Face] = {}  # vertices -> texture corners
 
     def add_vertex(self, weights: dict[int, float]) -> int:
         index = self.shapes.shape[1]
-        rows = np.array(list(weights))
-        value = np.einsum("svx,v->sx", self.shapes[:, rows], np.array(list(weights.values())))
+        value = np.einsum("svx,v->sx", self.shapes[:, list(weights)], list(weights.values()))
         self.shapes = np.concatenate([self.shapes, value[:, None]], axis=1)
         self.combine[index] = weights
         return index
 
+    def add_uv(self, left: np.ndarray, right: np.ndarray) -> int:
+        """A new texture corner, with the one of its mirror image."""
+        self.uvs += [left.tolist(), right.tolist()]
+        self.mirrored_uv[len(self.uvs) - 2] = len(self.uvs) - 1
+        return len(self.uvs) - 2
+
     def weights(self, vertex: int) -> dict[int, float]:
         return self.combine.get(vertex, {vertex: 1.0})
+
+    def drop(self, gone: np.ndarray) -> None:
+        """Removes quads by mask."""
+        self.rows, self.quads, self.quad_uvs = self.rows[~gone], self.quads[~gone], self.quad_uvs[~gone]
+        self.mid &= set(self.quads.ravel().tolist())
+
+
+def mirrored_corners(base: BaseMesh) -> dict[int, int]:
+    """The texture corner on the other side of each one."""
+    place = {tuple(sorted(quad)): k for k, quad in enumerate(base.quads.tolist())}
+    pairs = {}
+    for quad, corners in zip(base.quads.tolist(), base.quad_uvs.tolist(), strict=True):
+        other = place[tuple(sorted(base.mirror[quad].tolist()))]
+        there = dict(zip(base.quads[other].tolist(), base.quad_uvs[other].tolist(), strict=True))
+        pairs |= {corner: there[int(base.mirror[v])] for v, corner in zip(quad, corners, strict=True)}
+    return pairs
 
 
 def edge_loop(quads: np.ndarray, start: int, toward: int) -> list[int]:
@@ -49,7 +77,7 @@ def edge_loop(quads: np.ndarray, start: int, toward: int) -> list[int]:
     around: dict[int, set[int]] = {}
     faces: dict[frozenset[int], list[int]] = {}
     for k, quad in enumerate(quads.tolist()):
-        for a, b in zip(quad, quad[1:] + quad[:1], strict=True):
+        for a, b in cycle(quad):
             around.setdefault(a, set()).add(b)
             around.setdefault(b, set()).add(a)
             faces.setdefault(frozenset((a, b)), []).append(k)
@@ -63,47 +91,42 @@ def edge_loop(quads: np.ndarray, start: int, toward: int) -> list[int]:
     return loop
 
 
-def cut_inside(quads: np.ndarray, loop: list[int], seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Splits the quads along a closed loop: (those on the far side of `seed`, those around `seed`)."""
-    barrier = {frozenset(pair) for pair in zip(loop, loop[1:] + loop[:1], strict=True)}
+def cycle(corners: list[int]) -> list[tuple[int, int]]:
+    """The edges of a polygon."""
+    return list(zip(corners, corners[1:] + corners[:1], strict=True))
+
+
+def enclosed(quads: np.ndarray, loop: list[int], seed: int) -> np.ndarray:
+    """Mask of the quads on the side of a closed vertex loop on which `seed` lies."""
+    barrier = {frozenset(pair) for pair in cycle(loop)}
     owners: dict[frozenset[int], list[int]] = {}
     for k, quad in enumerate(quads.tolist()):
-        for a, b in zip(quad, quad[1:] + quad[:1], strict=True):
-            owners.setdefault(frozenset((a, b)), []).append(k)
-    inside = set(np.flatnonzero((quads == seed).any(axis=1)).tolist())
-    front = list(inside)
+        for pair in cycle(quad):
+            owners.setdefault(frozenset(pair), []).append(k)
+    mask = (quads == seed).any(axis=1)
+    front = np.flatnonzero(mask).tolist()
     while front:
-        quad = quads[front.pop()].tolist()
-        for a, b in zip(quad, quad[1:] + quad[:1], strict=True):
-            if frozenset((a, b)) not in barrier:
-                for k in owners[frozenset((a, b))]:
-                    if k not in inside:
-                        inside.add(k)
-                        front.append(k)
-    mask = np.zeros(len(quads), bool)
-    mask[list(inside)] = True
-    return quads[~mask], quads[mask]
+        for pair in cycle(quads[front.pop()].tolist()):
+            if frozenset(pair) not in barrier:
+                fresh = [k for k in owners[frozenset(pair)] if not mask[k]]
+                mask[fresh] = True
+                front += fresh
+    return mask
 
 
 def weld_mouth(half: Half) -> None:
     """Removes the inside of the mouth and welds the upper to the lower lip along the line where they meet."""
     base = half.base
-    sideways = [
-        b for quad in base.quads.tolist() for a, b in zip(quad, quad[1:] + quad[:1], strict=True) if a == MOUTH_START
-    ]
-    toward = next(v for v in sideways if base.vertices[v, 0] > 1e-6)
+    edges = {pair for quad in base.quads.tolist() for pair in cycle(quad)}
+    toward = next(b for a, b in sorted(edges) if a == MOUTH_START and base.vertices[b, 0] > 1e-6)
     loop = edge_loop(base.quads, MOUTH_START, toward)[:-1]
     bottom = len(loop) // 2
     assert half.on_mid[loop[bottom]], "the mouth loop is not symmetric"
-    depth = base.vertices[:, 2] + 1e3 * (np.arange(len(base.vertices)) >= 13380)
-    mouth = base.joint("mouth", base.vertices)
-    near = np.flatnonzero(half.on_mid & (np.linalg.norm(base.vertices - mouth, axis=1) < 0.03) & (depth < 100))
-    seed = min(near, key=lambda v: np.linalg.norm(base.vertices[v] - mouth))
-    outer, inner = cut_inside(base.quads, loop, int(seed))
-    assert len(inner) < len(outer)
-    gone = {tuple(quad) for quad in inner.tolist()}
-    half.quads = np.array([quad for quad in half.quads.tolist() if tuple(quad) not in gone])
-    half.mid = {v for v in half.mid if (half.quads == v).any()}
+    mouth = base.joint("mouth", base.vertices)  # a point inside the head, behind the mouth's own back wall
+    seed = min(half.mid, key=lambda v: np.linalg.norm(base.vertices[v] - mouth))
+    inside = enclosed(base.quads, loop, seed)
+    assert inside.sum() < 0.1 * len(inside), "the mouth loop does not close the mouth off"
+    half.drop(inside[half.rows])
     for upper, lower in zip(loop[: bottom // 2 + 1], loop[bottom : bottom // 2 : -1], strict=False):
         joined = half.add_vertex({upper: 0.5, lower: 0.5})
         half.quads[np.isin(half.quads, (upper, lower))] = joined
@@ -112,32 +135,34 @@ def weld_mouth(half: Half) -> None:
 
 
 def fill_eye(half: Half) -> None:
-    """Replaces the eye socket by a patch that lies on the eyeball, with triangles named sclera, iris and pupil."""
+    """Replaces the eye socket by a patch that lies on the eyeball, with triangles named eyeWhite, iris and pupil."""
     base, average = half.base, half.shapes[0]
     ball_faces = base.helper_quads["helper-l-eye"]
     ball_faces = np.concatenate([ball_faces[:, [0, 1, 2]], ball_faces[:, [0, 2, 3]]])
     centre = average[np.unique(ball_faces)].mean(axis=0)
-    toward = next(
-        b for quad in half.quads.tolist() for a, b in zip(quad, quad[1:] + quad[:1], strict=True)
-        if a == EYE_START and abs(average[b, 1] - average[a, 1]) < abs(average[b, 0] - average[a, 0])
-    )  # fmt: skip
+    edges = {pair for quad in half.quads.tolist() for pair in cycle(quad) if EYE_START in pair}
+    step = {b: np.abs(average[b] - average[EYE_START]) for pair in edges for b in pair if b != EYE_START}
+    toward = min(step, key=lambda b: step[b][1] / step[b][0])  # along the lid
     loop = edge_loop(half.quads, EYE_START, toward)[:-1]
-    distance = np.linalg.norm(average[:13380] - (centre - [0, 0, 0.012]), axis=1)
-    half.quads, _ = cut_inside(half.quads, loop, int(distance.argmin()))
+    distance = np.linalg.norm(average[:BODY_VERTICES] - (centre - [0, 0, 0.012]), axis=1)
+    half.drop(enclosed(half.quads, loop, int(distance.argmin())))
     rim = average[loop][:, :2]
     points = _eye_points(rim, centre[:2])
-    new = [half.add_vertex(_on_surface(average, ball_faces, point)) for point in points]
-    everything, ids = np.concatenate([rim, points]), loop + new
+    ids = loop + [half.add_vertex(_on_surface(average, ball_faces, point)) for point in points]
+    everything = np.concatenate([rim, points])
+    place = (everything - rim.mean(axis=0)) * EYE_UV_WIDTH / np.ptp(rim[:, 0])
+    uvs = [half.add_uv(EYE_UV[0] + p, EYE_UV[1] + p * [-1, 1]) for p in place]
     for simplex in Delaunay(everything).simplices:
         corners = everything[simplex]
         if not _inside(rim, corners.mean(axis=0)[None])[0]:
             continue
         (ax, ay), (bx, by) = corners[1] - corners[0], corners[2] - corners[0]
-        face = tuple(ids[i] for i in (simplex if ax * by - ay * bx > 0 else simplex[::-1]))
+        order = simplex if ax * by - ay * bx > 0 else simplex[::-1]
         radius = np.linalg.norm(corners.mean(axis=0) - centre[:2])
-        kind = "pupil" if radius < PUPIL else "iris" if radius < IRIS else "sclera"
+        kind = "pupil" if radius < PUPIL else "iris" if radius < IRIS else "eyeWhite"
+        face = tuple(ids[i] for i in order)
         half.eye_faces.setdefault(kind, []).append(face)
-        half.triangles.add(face)
+        half.triangles[face] = tuple(uvs[i] for i in order)
     half.locked |= set(ids)
 
 
@@ -182,15 +207,15 @@ def _on_surface(vertices: np.ndarray, faces: np.ndarray, point: np.ndarray) -> d
 
 def triangulate(half: Half) -> None:
     """Splits every quad along its shorter diagonal (on the average shape); welded corners leave a triangle."""
-    for quad in half.quads.tolist():
-        corners = [v for i, v in enumerate(quad) if v != quad[i - 1]]
-        if len(corners) == 3:
-            half.triangles.add(tuple(corners))
-        elif len(corners) == 4:
-            a, b, c, d = half.shapes[0][corners]
-            i = 0 if np.linalg.norm(a - c) <= np.linalg.norm(b - d) else 1
-            corners = corners[i:] + corners[:i]
-            half.triangles |= {(corners[0], corners[1], corners[2]), (corners[0], corners[2], corners[3])}
+    for quad, uvs in zip(half.quads.tolist(), half.quad_uvs.tolist(), strict=True):
+        keep = [i for i, v in enumerate(quad) if v != quad[i - 1]]
+        if len(keep) == 4:
+            a, b, c, d = half.shapes[0][quad]
+            start = 0 if np.linalg.norm(a - c) <= np.linalg.norm(b - d) else 1
+            keep = keep[start:] + keep[:start]
+        for i in range(2, len(keep)):
+            corners = (keep[0], keep[i - 1], keep[i])
+            half.triangles[tuple(quad[k] for k in corners)] = tuple(uvs[k] for k in corners)
 
 
 class Decimation:
@@ -202,7 +227,8 @@ class Decimation:
 
     def __init__(self, half: Half, region: dict[int, str], budget: dict[str, int]) -> None:
         self.half, self.region, self.budget = half, region, budget
-        self.faces = {i: face for i, face in enumerate(sorted(half.triangles))}
+        self.faces = dict(enumerate(sorted(half.triangles)))
+        self.uvs = {i: half.triangles[face] for i, face in self.faces.items()}
         self.around: dict[int, set[int]] = {}
         for i, face in self.faces.items():
             for v in face:
@@ -244,6 +270,8 @@ class Decimation:
         common = self.neighbours(v) & self.neighbours(u)
         if len(common) != len(shared) or len(shared) != (1 if v in half.mid else 2):
             return False
+        if self.carried_uvs(v, u) is None:
+            return False
         stays = [self.faces[f] for f in sorted(self.around[v] - shared)]
         if not stays or any(len(self.around[w]) <= 3 + -(w in half.mid) for w in common):
             return False
@@ -257,6 +285,17 @@ class Decimation:
         if ((old_normal * new_normal).sum(-1) < 0.35 * size).any():
             return False
         return bool(_quality(new).min() > min(0.25, 0.9 * _quality(old).min()))
+
+    def carried_uvs(self, v: int, u: int) -> dict[int, int] | None:
+        """Texture corner of u that takes the place of each one of v, or None where the chart would tear."""
+        shared = self.around[v] & self.around[u]
+        place: dict[int, int] = {}
+        for f in shared:
+            at_v, at_u = self.uvs[f][self.faces[f].index(v)], self.uvs[f][self.faces[f].index(u)]
+            if place.setdefault(at_v, at_u) != at_u:
+                return None
+        whole = all(self.uvs[f][self.faces[f].index(v)] in place for f in self.around[v] - shared)
+        return place if whole else None
 
     def push(self, v: int) -> None:
         self.version[v] += 1
@@ -282,15 +321,16 @@ class Decimation:
             self.collapse(v, u)
 
     def collapse(self, v: int, u: int) -> None:
-        ring = self.neighbours(v)
+        ring, place = self.neighbours(v), self.carried_uvs(v, u)
         for f in sorted(self.around[v]):
             face = self.faces[f]
             if u in face:
-                del self.faces[f]
+                del self.faces[f], self.uvs[f]
                 for w in face:
                     self.around[w].discard(f)
             else:
                 self.faces[f] = tuple(u if w == v else w for w in face)
+                self.uvs[f] = tuple(place[c] if w == v else c for w, c in zip(face, self.uvs[f], strict=True))
                 self.around[u].add(f)
         del self.around[v]
         self.count[self.region[v]] -= 1
@@ -306,29 +346,34 @@ def _quality(corners: np.ndarray) -> np.ndarray:
     return 4 * np.sqrt(3) * area / np.maximum((edges**2).sum(axis=(-1, -2)), 1e-15)
 
 
-def flip_edges(half: Half, faces: list[tuple[int, int, int]], fixed: set[tuple[int, int, int]], sweeps: int = 8) -> list:
-    """Swaps diagonals where that makes the worse of two triangles rounder on all shapes and bends the surface no more."""
-    faces = [tuple(face) for face in faces]
-    points = half.shapes
+def flip_edges(half: Half, triangles: dict[Face, Face], fixed: set[Face], sweeps: int = 8) -> dict[Face, Face]:
+    """Swaps diagonals where that makes the worse of two triangles rounder on all shapes and bends the surface no more.
+
+    `triangles` maps vertices to texture corners, as does the result; faces in `fixed` and texture seams stay.
+    """
+    faces, uvs, points = list(triangles), list(triangles.values()), half.shapes
     for _ in range(sweeps):
-        owner = {(face[i], face[(i + 1) % 3]): k for k, face in enumerate(faces) for i in range(3)}
+        owner = {edge: k for k, face in enumerate(faces) for edge in cycle(list(face))}
         changed: set[int] = set()
         for (a, b), k in sorted(owner.items()):
             m = owner.get((b, a))
             if a > b or m is None or k in changed or m in changed or faces[k] in fixed or faces[m] in fixed:
                 continue
-            c = next(v for v in faces[k] if v not in (a, b))
-            d = next(v for v in faces[m] if v not in (a, b))
-            if (c, d) in owner or (d, c) in owner or (c in half.mid and d in half.mid):
+            here, there = dict(zip(faces[k], uvs[k], strict=True)), dict(zip(faces[m], uvs[m], strict=True))
+            (c,), (d,) = set(here) - {a, b}, set(there) - {a, b}
+            seam = here[a] != there[a] or here[b] != there[b]
+            if seam or (c, d) in owner or (d, c) in owner or (c in half.mid and d in half.mid):
                 continue
             old, new = points[:, [(a, b, c), (b, a, d)]], points[:, [(a, d, c), (d, b, c)]]
             gain = _quality(new).min(axis=1).mean() - _quality(old).min(axis=1).mean()
             if gain > 0.02 and _bend(new).min() > min(0.8, _bend(old).min()) and _agrees(old, new):
+                corner = here | there
                 faces[k], faces[m] = (a, d, c), (d, b, c)
+                uvs[k], uvs[m] = (tuple(corner[v] for v in face) for face in (faces[k], faces[m]))
                 changed |= {k, m}
         if not changed:
             break
-    return faces
+    return dict(zip(faces, uvs, strict=True))
 
 
 def _normals(corners: np.ndarray) -> np.ndarray:
@@ -348,17 +393,34 @@ def _agrees(old: np.ndarray, new: np.ndarray) -> bool:
     return bool(((_normals(new) * mean).sum(-1) > 0.5).all())
 
 
-def unfold(half: Half, faces: list[tuple[int, int, int]]) -> tuple[list[dict[int, float]], np.ndarray, np.ndarray, dict]:
-    """The whole body: (rows of the combination matrix, faces, mirror map, index of each half vertex).
-
-    Vertices come left, middle, right; `mirror[i] = i + left + middle` for the left ones.
-    """
-    used = sorted({v for face in faces for v in face})
+def unfold(half: Half, triangles: dict[Face, Face]) -> Body:
+    """Both halves. Vertices come left, middle, right: the mirror of left vertex i is i + left + middle."""
+    used = sorted({v for face in triangles for v in face})
     left, middle = [v for v in used if v not in half.mid], [v for v in used if v in half.mid]
     index = {v: i for i, v in enumerate(left + middle)}
     offset = len(left) + len(middle)
     rows = [half.weights(v) for v in left + middle]
     rows += [{int(half.base.mirror[o]): w for o, w in half.weights(v).items()} for v in left]
     mirror = np.concatenate([np.arange(len(left)) + offset, np.arange(len(left), offset), np.arange(len(left))])
-    ours = np.array([[index[v] for v in face] for face in faces])
-    return rows, np.concatenate([ours, mirror[ours][:, ::-1]]), mirror, index
+    faces = np.array([[index[v] for v in face] for face in triangles])
+    corners = np.array(list(triangles.values()))
+    other = np.array([[half.mirrored_uv[corner] for corner in face] for face in triangles.values()])
+    kept, face_uvs = np.unique(np.concatenate([corners, other[:, ::-1]]), return_inverse=True)
+    eyes: dict[str, set[frozenset[int]]] = {}
+    for kind, members in half.eye_faces.items():
+        ours = np.array([[index[v] for v in face] for face in members])
+        eyes[kind] = {frozenset(face) for face in np.concatenate([ours, mirror[ours]]).tolist()}
+    return Body(
+        rows, np.concatenate([faces, mirror[faces][:, ::-1]]), mirror, np.array(half.uvs)[kept], face_uvs.reshape(-1, 3), eyes
+    )
+
+
+class Body(NamedTuple):
+    """The finished topology."""
+
+    rows: list[dict[int, float]]  # each vertex as weights of original vertices
+    faces: np.ndarray
+    mirror: np.ndarray
+    uvs: np.ndarray  # texture corners, MakeHuman's layout, origin bottom left
+    face_uvs: np.ndarray  # three texture corners a face
+    eye_faces: dict[str, set[frozenset[int]]]

@@ -18,10 +18,14 @@ ENTER_SPEED = 0.12 / 0.9
 """Leg lengths a second below which a low point begins to rest."""
 LEAVE_SPEED = 0.25 / 0.9
 """Leg lengths a second above which a resting point has left."""
-HEIGHT = 0.06 / 0.9
+HEIGHT = 0.045 / 0.9
 """Leg lengths above its support at which a point can still rest (soft soles, noise of captured feet)."""
-SNAP = 0.045 / 0.9
+SNAP = 0.04 / 0.9
 """Supports closer than this to the floor are the floor."""
+SLIDE_WINDOW = 0.3
+"""Seconds. A point that strays on both sides of this is sliding, however slowly."""
+SLIDE = 0.03 / 0.9
+"""Leg lengths it may stray within the window."""
 SHORTEST = 0.07
 """Seconds that a contact lasts at least; shorter ones are noise. Also the longest gap that is bridged."""
 
@@ -81,6 +85,23 @@ def _without_short_runs(on: Bool[Array, "frames"], least: int) -> Bool[Array, "f
     return on
 
 
+def sliding(
+    points: Float[Array, "frames points 3"], still: Bool[Array, "frames points"], fps: float, leg_length: float
+) -> Bool[Array, "frames points"]:
+    """Frames of long stillness on which a point creeps along: a slow slide is a movement, not a stand."""
+    reach = int(round(SLIDE_WINDOW * fps))
+    frames = np.arange(len(points))
+    flat = points[..., [0, 2]]
+    ahead = np.linalg.norm(flat[np.minimum(frames + reach, len(points) - 1)] - flat, axis=-1)
+    behind = np.linalg.norm(flat[np.maximum(frames - reach, 0)] - flat, axis=-1)
+    creeping = np.minimum(ahead, behind) > SLIDE * leg_length
+    for point in range(points.shape[1]):
+        for start, stop in intervals(still[:, point]):
+            if stop - start < 2 * reach:
+                creeping[start:stop, point] = False
+    return creeping
+
+
 def floor_height(points: Float[Array, "frames points 3"], slow: Bool[Array, "frames points"], leg_length: float) -> float:
     """Height of the main floor: where the lowest points rest when they rest; the lowest point seen if they never do."""
     lowest = points[..., 1].min(axis=1)
@@ -103,6 +124,7 @@ def ground_contacts(points: Float[Array, "frames points 3"], fps: float, leg_len
     low = height < HEIGHT * leg_length
     # A raised point must come to a real rest: half the speed, and not drift while it does.
     raised = hysteresis(speed < 0.5 * ENTER_SPEED, speed < ENTER_SPEED) & ~low
+    still &= ~sliding(points, still, fps, leg_length)
     least = max(2, int(round(SHORTEST * fps)))
     touching = np.stack([_without_short_runs(run, least) for run in (still & low).T], axis=1)
     support = np.full(points.shape[:2], floor)

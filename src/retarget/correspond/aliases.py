@@ -30,8 +30,8 @@ ALIASES: dict[str, str] = {
     "punta つま先 足先 爪先 脚趾 脚尖",
     "Shoulder": "shoulder clavicle collar clavicula collarbone clav scapula epaule clavicule schulter schluesselbein "
     "hombro spalla 肩 锁骨 鎖骨",
-    "UpperArm": "upperarm uparm armupper shldr shldrbend humerus bicep bras oberarm brazo uppararm 腕 上腕 上臂 大臂",
-    "LowerArm": "lowerarm loarm forearm elbow armlower forearmbend ulna radius lowarm avantbras coude unterarm ellbogen "
+    "UpperArm": "upperarm uparm uarm armupper shldr shldrbend humerus bicep bras oberarm brazo uppararm 腕 上腕 上臂 大臂",
+    "LowerArm": "lowerarm loarm farm forearm elbow armlower forearmbend ulna radius lowarm avantbras coude unterarm ellbogen "
     "codo antebrazo gomito avambraccio ひじ 肘 前腕 前臂 小臂",
     "Hand": "hand wrist palm handbase main poignet handgelenk mano muneca polso 手首 手 手腕",
     "Eye": "eye eyeball oeil auge ojo occhio faceeye 目 眼 眼睛",
@@ -71,8 +71,8 @@ SIDES: dict[str, int] = {
 """Side markers: +1 left, -1 right."""
 
 NOISE = frozenset(
-    "bone bones jnt joint jt bn bip biped def org mixamorig rig cc base j sk skel skeleton armature valvebiped valve "
-    "character avatar player genesis c center centre ctr m mid2 f md sec actor human humanoid bind bnd drv deform fbx".split()
+    "bone bones jnt joint jt bn bip biped def org mixamorig rig cc base j adj smplhf sk skel skeleton armature valvebiped valve "
+    "character avatar player genesis c center centre ctr m sec actor human humanoid bind bnd drv deform fbx".split()
 )
 """Words that say nothing about the part."""
 

@@ -136,12 +136,10 @@ def _describe(
         certain = 1.0 - (1.0 - 0.9 * shape * trust) * (1.0 - 0.9 * fit)
         confidence[name] = round(certain * (sided if name.startswith(("left", "right")) else 1.0), 3)
 
-    add("hips", _pelvis(tree, names, body.hips), "hips")
+    hips = detail.pelvis(tree, names, body)
+    add("hips", hips, "hips")
     add("head", body.head, "head")
-    spine = detail.spine_joints(tree, names, body)
-    if joints["hips"] != body.hips:
-        spine["spine"] = body.hips
-    for name, joint in spine.items():
+    for name, joint in detail.spine_joints(tree, names, body, hips).items():
         add(name, joint, name)
     for which, side in enumerate(sides):
         leg, arm = body.legs.limbs[which], body.arms.limbs[which]
@@ -164,14 +162,6 @@ def _describe(
     ordered = {name: joints[name] for name in HUMANOID_JOINTS if name in joints}
     evidence = "shape" if named < 0.25 else "names and shape" if body.shape_cost <= PLAUSIBLE else "names"
     return Humanoid(ordered, {name: confidence[name] for name in ordered}, twists, axes, evidence)
-
-
-def _pelvis(tree: Tree, names: NameScores, hips: int) -> int:
-    """The joint above the fork where that one is called spine and its parent pelvis (Biped)."""
-    parent = int(tree.parents[hips])
-    if parent >= 0 and names.parts["spine"][hips] >= 0.8 and names.parts["hips"][parent] >= 0.8:
-        return parent
-    return hips
 
 
 def _end_joint(tree: Tree, names: NameScores, limb: Limb, kind: str) -> int | None:

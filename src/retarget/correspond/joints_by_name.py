@@ -87,6 +87,7 @@ def _tokens(name: str) -> list[str]:
     name = "".join(c for c in unicodedata.normalize("NFD", name) if not "\u0300" <= c <= "\u036f")
     name = unicodedata.normalize("NFC", name)
     name = re.sub(r"([左右])", r" \1 ", name)
+    name = re.sub(r"(?<![A-Za-z])([LR])(?=[A-Z][A-Z]?[a-z])", r"\1 ", name)  # LFArm, LThigh
     name = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", name)
     return [word.lower() for word in re.split(r"[\W_]+", name) if word]
 
@@ -123,7 +124,7 @@ def spell(name: str, prefix: tuple[str, ...] = ()) -> Spelling:
     number, last = (numbers[0], numbers[-1]) if numbers else (None, None)
     flags = set(words) | {"".join(words)}
     core = [word for word in words if word not in TWISTS]
-    kept = [word for word in core if word not in NOISE]
+    kept = core if "".join(core) in _vocabulary() else [word for word in core if word not in NOISE]
     return Spelling(
         "".join(kept or core), side, number, bool(flags & AUXILIARY), bool(flags & TWISTS), bool(flags & FOREIGN),
         bool(flags & METACARPALS),
@@ -192,6 +193,12 @@ def score_names(names: tuple[str, ...]) -> NameScores:
 
 
 def _without_wrists(spellings: list[Spelling]) -> list[Spelling]:
-    """Where a side has both a wrist and a hand, the wrist is a helper on the way to the hand."""
-    hands = {each.side for each in spellings if each.word == "hand" and not each.auxiliary}
-    return [replace(each, auxiliary=True) if each.word == "wrist" and each.side in hands else each for each in spellings]
+    """Where a side has both a wrist and a hand, only one of them is the hand.
+
+    Skeletons that name joints (elbow, wrist, knee) mean by 'hand' its middle; those that name bones (lowerarm, hand) put
+    the wrist between as a helper.
+    """
+    names_joints = any(each.word in ("elbow", "knee", "ankle") for each in spellings)
+    helper, real = ("hand", "wrist") if names_joints else ("wrist", "hand")
+    sides = {each.side for each in spellings if each.word == real and not each.auxiliary}
+    return [replace(each, auxiliary=True) if each.word == helper and each.side in sides else each for each in spellings]

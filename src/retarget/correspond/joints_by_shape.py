@@ -98,7 +98,7 @@ def _upwards(parents: Array, count: int) -> list[int]:
     return [*range(count, len(parents)), *range(count - 1, -1, -1)]
 
 
-def outside(value: Array | float, low: float, high: float, width: float, most: float = 12.0) -> Array | float:
+def outside(value: Array | float, low: float, high: Array | float, width: float, most: float = 12.0) -> Array | float:
     """Cost that is zero inside [low, high] and grows like a Gaussian's outside, up to `most`."""
     excess = np.maximum(np.maximum(low - value, value - high), 0.0) / width
     return np.minimum(0.5 * excess * excess, most)
@@ -145,6 +145,7 @@ def limbs(tree: Tree, names: NameScores) -> dict[str, dict[int, list[Limb]]]:
                     break
                 free = 0.95 if kind == "arm" else 0.45
                 shape_cost = float(cost[t] + outside(lead / lengths[t, 0], 0.0, free, 0.2) + 0.15 * (lead > 0))
+                shape_cost += 1.5 * (kind == "leg" and lead > 0 and _in_line(tree, int(upper[t]), int(middle[t])))
                 triple = (int(upper[t]), int(middle[t]), int(lower[t]))
                 pair = (float(lengths[t, 0]), float(lengths[t, 1]))
                 branches.setdefault(top, []).append(Limb(triple, pair, shape_cost, float(named[t]), lead))
@@ -153,6 +154,13 @@ def limbs(tree: Tree, names: NameScores) -> dict[str, dict[int, list[Limb]]]:
         for top in branches:
             branches[top] = sorted(branches[top], key=lambda limb: limb.cost)[:8]
     return found
+
+
+def _in_line(tree: Tree, upper: int, middle: int) -> bool:
+    """Does the bone before the limb's first joint run along the limb? Then the limb began a joint earlier."""
+    before = tree.positions[upper] - tree.positions[tree.parents[upper]]
+    first = tree.positions[middle] - tree.positions[upper]
+    return bool(before @ first > 0.95 * tree.steps[upper] * np.linalg.norm(first) > 0.0)
 
 
 def _halves(tree: Tree) -> dict[int, list[tuple[int, float, float]]]:
@@ -210,7 +218,8 @@ def _proportion_cost(tree: Tree, kind: str, lower: Array, lengths: Array) -> Arr
     ratio = np.log(lengths[:, 1] / lengths[:, 0])
     cost = np.minimum(0.5 * ((ratio - mean) / width) ** 2, 12.0)
     rest = tree.reach[lower] / lengths[:, 1]
-    cost = cost + np.where(rest > 0, outside(rest, 0.1, 0.8 if kind == "arm" else 0.9, 0.25), 0.7)
+    long = np.where(tree.branches[lower] > 1, 1.6, 0.8 if kind == "arm" else 0.9)  # fingers may be long, a palm not
+    cost = cost + np.where(rest > 0, outside(rest, 0.1, long, 0.25, most=5.0), 0.7)  # it may hold a sword
     cost = cost - np.where(tree.branches[lower] > 2, 1.5, np.where(tree.branches[lower] > 1, 1.0, 0.0))
     return cost
 
@@ -278,6 +287,8 @@ def pairs(tree: Tree, names: NameScores, kind: str, branches: dict[int, list[Lim
 def _join(tree: Tree, names: NameScores, kind: str, trunk: int, tops: tuple[int, int], two: tuple[Limb, Limb]) -> Pair:
     a, b = two
     uneven = sum(min(0.5 * (np.log(x / y) / 0.12) ** 2, 6.0) for x, y in zip(a.lengths, b.lengths))
+    if tree.sizes[tops[0]] == tree.sizes[tops[1]] and _depths(tree, a, tops[0]) != _depths(tree, b, tops[1]):
+        uneven += 1.0
     apart = tree.positions[a.nodes[0]] - tree.positions[b.nodes[0]]
     wide = float(np.sqrt(apart @ apart)) / (0.5 * (a.length + b.length))
     if kind == "arm":
@@ -289,6 +300,10 @@ def _join(tree: Tree, names: NameScores, kind: str, trunk: int, tops: tuple[int,
         if x < tree.joints and y < tree.joints and names.sides[x] and names.sides[y]:
             named += 1.5 if names.sides[x] == names.sides[y] else -0.3
     return Pair(trunk, tops, two, float(a.shape_cost + b.shape_cost + uneven + spread), float(named))
+
+
+def _depths(tree: Tree, limb: Limb, top: int) -> list[int]:
+    return [len(tree.path(top, node)) for node in limb.nodes]
 
 
 # --- the body -----------------------------------------------------------------------------------------------------
@@ -399,7 +414,7 @@ def _with_head(tree: Tree, names: NameScores, body: Body) -> Body:
                 shape += 0.4 * (body.arms.trunk != carrier)
                 fit = float(names.parts["head"][node])
                 other = max(names.best(node) - fit, 0.0)
-                shape += 1.5 * sum(tree.branches[up] > 1 for up in tree.path(top, node)[:-1])  # the face is not the head
+                shape += 1.5 * sum(_forks(tree, up) for up in tree.path(top, node)[:-1])  # the face is not the head
                 cost = shape - 3.0 * fit + 1.5 * other + 2.0 * bool(names.auxiliary[node])
                 if cost < best:
                     best, best_shape, head, neck = cost, shape, node, tree.path(top, node)[:-1]
@@ -409,20 +424,26 @@ def _with_head(tree: Tree, names: NameScores, body: Body) -> Body:
     )  # fmt: skip
 
 
+def _forks(tree: Tree, node: int) -> bool:
+    """Does more than one thing hang on this joint (eyes, jaw, hair), as on a head?"""
+    return tree.branches[node] > 1 or len(tree.children[node]) > 2
+
+
 def _head_cost(tree: Tree, node: int, shoulder: Array, up: Array, left: Array, height: float) -> float:
     away = tree.positions[node] - shoulder
     rise, aside = float(away @ up) / height, abs(float(away @ left)) / height
     front = float(np.linalg.norm(away - (away @ up) * up - (away @ left) * left)) / height
     cost = 0.5 * ((rise - 0.28) / 0.15) ** 2 + outside(aside, 0.0, 0.03, 0.06) + outside(front, 0.0, 0.12, 0.12)
-    real = tree.children[node]
-    ends = [child for child in real if tree.steps[child] > 1e-4 * tree.scale]
+    ends = []
+    for child in tree.children[node]:  # a doubled joint counts as what it carries
+        ends += [child] if tree.steps[child] > 1e-4 * tree.scale else tree.children[child]
     if len(ends) >= 2:
         cost -= 1.0  # eyes, jaw, hair
     elif len(ends) == 1 and tree.steps[ends[0]] < 0.12 * height:
         cost += 0.7  # a head is longer than a neck joint
     elif not ends:
         cost += 0.3
-    if len(ends) == 1 and not tree.children[ends[0]] and tree.steps[ends[0]] > 1.3 * tree.steps[node]:
+    if rise > 0.15 and len(ends) == 1 and not tree.children[ends[0]] and tree.steps[ends[0]] > 1.3 * tree.steps[node]:
         cost -= 0.5  # a long bone that ends: from the head to its top
     return float(min(cost, 20.0))
 

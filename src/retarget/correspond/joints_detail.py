@@ -15,9 +15,24 @@ PHALANGES = ("Proximal", "Intermediate", "Distal")
 THUMB_PHALANGES = ("Metacarpal", "Proximal", "Distal")
 
 
-def spine_joints(tree: Tree, names: NameScores, body: Body) -> dict[str, int]:
+def pelvis(tree: Tree, names: NameScores, body: Body) -> int:
+    """The joint where legs and spine part, or its parent where the legs hang on the first spine joint (Biped)."""
+    hips, parent = body.hips, int(tree.parents[body.hips])
+    if parent < 0:
+        return hips
+    if names.parts["spine"][hips] >= 0.8 and names.parts["hips"][parent] >= 0.8:
+        return parent
+    hip, shoulder = body.legs.points(tree, 0).mean(axis=0), body.arms.points(tree, 0).mean(axis=0)
+    here, above = (float(np.linalg.norm(tree.positions[joint] - hip)) for joint in (hips, parent))
+    raised = here > 0.15 * float(np.linalg.norm(shoulder - hip)) and above < 0.5 * here
+    return parent if raised and names.parts["hips"][hips] < 0.5 and not names.auxiliary[parent] else hips
+
+
+def spine_joints(tree: Tree, names: NameScores, body: Body, hips: int) -> dict[str, int]:
     """spine, chest, upperChest and neck out of the joints between hips and head."""
     trunk, neck = list(body.trunk), list(body.neck)
+    if hips != body.hips:
+        trunk.insert(0, body.hips)
     if not trunk:  # the hips carry the arms: what lies below the shoulders is spine
         shoulder, hip = body.arms.points(tree, 0).mean(axis=0), body.legs.points(tree, 0).mean(axis=0)
         height = float(np.linalg.norm(shoulder - hip))

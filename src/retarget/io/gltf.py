@@ -34,9 +34,9 @@ def load(path: str | Path) -> Asset:
     """Read a .glb or .gltf file: skeleton, surface, materials, and its clips, which are decoded when asked for.
 
     The kind is 'character' for a file with a surface that its joints move, 'motion' for a skeleton without, 'mesh' for
-    one without a skeleton. The rest pose is the one in which the mesh was bound, if the file tells it. Joints are rigid:
-    scaled nodes become lengths, and `Skin.inverse_binds` carries their scale. Vertices lie where they stood in the world
-    at binding.
+    one without a skeleton. The rest pose is the one in which the mesh was bound, if the file tells it. Joints are
+    rigid: scaled nodes become lengths, and `Skin.inverse_binds` carries their scale. Vertices lie where they stood in
+    the world at binding.
 
     Raises `FileError` for whatever cannot be read, with its place in the file.
     """

@@ -59,8 +59,10 @@ def read_bindings(document: Document, tree: NodeTree, rig: Rig, size: float) -> 
             names = ", ".join(
                 repr(document.json["nodes"][skin["joints"][i]].get("name", "")) for i in np.flatnonzero(faulty)[:3]
             )
-            notes.append(f"skin {number} has {int(faulty.sum())} inverse bind matrices that cannot be inverted ({names}); "
-                         "they are taken from the nodes instead")  # fmt: skip
+            notes.append(
+                f"skin {number} has {int(faulty.sum())} inverse bind matrices that cannot be inverted "
+                f"({names}); they are taken from the nodes instead"
+            )
             rest = np.where(_invertible(world)[:, None, None], world, np.eye(4))
             matrices[faulty] = np.linalg.inv(rest[faulty]) @ T_world_mesh
         # Validators refuse a last row that is not exactly 0 0 0 1, to the last digit.
@@ -90,8 +92,8 @@ def _invertible(matrices: Float[Array, "columns 4 4"]) -> Bool[Array, "columns"]
 def _mesh_placement(seen: Float[Array, "usable 4 4"], placed: Float[Array, "4 4"], size: float) -> Float[Array, "4 4"]:
     """Where the mesh stood at binding, from what each joint says of it in the nodes' pose (`seen`, the topmost first).
 
-    If all agree that is it. If not, the nodes are posed: exporters then bind in the world or in the mesh's own node; the
-    one of these that has the right scale and the nearest orientation is taken, else what the topmost joint says.
+    If all agree that is it. If not, the nodes are posed: exporters then bind in the world or in the mesh's own node;
+    the one of these that has the right scale and the nearest orientation is taken, else what the topmost joint says.
     """
     if not len(seen):
         return np.eye(4)
@@ -155,7 +157,10 @@ def rest_skeleton(names: tuple[str, ...], rig: Rig, bindings: list[Binding], siz
             rotations[joint] = q
         if np.linalg.norm(p - positions[joint]) > 0.1 * TOLERANCE * size:
             positions[joint] = p
-    note = f"the mesh was bound in another pose than the nodes stand in ({len(far)} joints, such as {names[far[0]]!r}); that is the rest pose"
+    note = (
+        f"the mesh was bound in another pose than the nodes stand in ({len(far)} joints, such as {names[far[0]]!r}); "
+        "that is the rest pose"
+    )
     return Skeleton(names, rig.parents, positions, rotations), [note]
 
 

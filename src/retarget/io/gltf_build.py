@@ -125,9 +125,9 @@ def bound_surface(
 ) -> tuple[Array, Array, Array, Array]:
     """Vertices, one inverse bind a joint, joints and weights of each vertex, as one glTF skin holds them.
 
-    Where columns are bound alike the skin is written as it is. A joint with two different columns cannot be: then vertices
-    are carried to the rest pose and bound there, which is the same in every pose if each vertex's columns agree on where
-    it stands at rest. Raises `RetargetError` if they do not.
+    A skin with one column a joint is written as it is. A joint with two different columns cannot be: then vertices are
+    carried to the rest pose and bound there, which is the same in every pose if each vertex's columns agree on where it
+    stands at rest. Raises `RetargetError` if they do not.
     """
     joints, weights = skin.joints[skin.columns], skin.weights
     if len(np.unique(skin.joints)) == len(skin.joints):
@@ -142,8 +142,8 @@ def bound_surface(
     size = max(float(np.ptp(placed, axis=0).max()), 1e-9)
     if apart.max() > 1e-4 * size:
         raise RetargetError(
-            f"vertex {int(apart.max(axis=1).argmax())} is bound in two poses at once ({apart.max():.3g} m apart at rest); "
-            "one glTF skin cannot hold that: save to the file format it came from"
+            f"vertex {int(apart.max(axis=1).argmax())} is bound in two poses at once ({apart.max():.3g} m apart at "
+            "rest); one glTF skin cannot hold that: save to the file format it came from"
         )
     return placed, np.linalg.inv(T_world_rest), joints, weights
 

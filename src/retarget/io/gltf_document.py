@@ -151,7 +151,8 @@ class Document:
     def decoded(self, number: int, types: tuple[str, ...]) -> Array:
         """`floats` for data that may hold NaN and is repaired by the caller."""
         stored = self.raw(number, types)
-        values = stored.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # damaged bytes may be signalling NaNs
+            values = stored.astype(np.float64)
         if self.json["accessors"][number].get("normalized", False) and stored.dtype.kind in "iu":
             values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
         return values
@@ -254,7 +255,8 @@ def _check_extensions(path: Path, document: dict[str, Any]) -> None:
         if name in COMPRESSION:
             raise FileError(
                 path,
-                f"is compressed with {COMPRESSION[name]} ({name}), which cannot be read yet; export it without compression",
+                f"is compressed with {COMPRESSION[name]} ({name}), which a later version will read; "
+                "export it without compression",
             )
         if name not in HARMLESS and not name.startswith(("KHR_materials_", "EXT_materials_")):
             raise FileError(
@@ -309,11 +311,11 @@ def resource_file(path: Path, uri: str, place: str) -> Path:
         raise outside
     try:
         folder, file = path.parent.resolve(), (path.parent / name).resolve()
-        if not file.is_relative_to(folder):
-            raise outside
-        found = file.is_file()
+        inside, found = file.is_relative_to(folder), file.is_file()
     except (OSError, RuntimeError, ValueError):  # a loop of links, a name too long
-        found = False
+        inside, found = True, False
+    if not inside:
+        raise outside
     if not found:
         raise MissingFileError(path, f"the file {uri[:80]!r} that it refers to is not in its folder", place)
     return file

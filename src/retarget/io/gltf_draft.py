@@ -38,7 +38,7 @@ class Draft:
 
     @classmethod
     def of(cls, document: Document, keep_clips: bool = True) -> Draft:
-        """A draft that begins as a copy of a document. Entries of its lists are shared: replace them, never change them."""
+        """A draft that begins as a document. Entries of its lists are shared with it: replace, never change them."""
         copied = {key: list(value) if isinstance(value, list) else value for key, value in document.json.items()}
         copied["asset"] = dict(document.json["asset"])
         if not keep_clips:

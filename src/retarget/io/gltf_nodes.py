@@ -1,7 +1,7 @@
 """The node tree of a glTF document and the rigid skeleton inside it.
 
-A glTF node may be scaled, our joints are rigid. With W the world matrix of a node and Q the product of the node rotations
-down to it, `stretch` D = Q^-1 W (its 3x3 part) carries every scale, so that
+A glTF node may be scaled, our joints are rigid. With W the world matrix of a node and Q the product of the node
+rotations down to it, `stretch` D = Q^-1 W (its 3x3 part) carries every scale, so that
 
     position in the parent's rigid frame = D_parent t,     vertex = T_world_joint [D 0; 0 1] inverse_bind v.
 
@@ -84,7 +84,7 @@ class Rig:
     def to_nodes(
         self, positions: Float[Array, "*frames joints 3"], rotations: Float[Array, "*frames joints 4"]
     ) -> tuple[Float[Array, "*frames joints 3"], Float[Array, "*frames joints 4"]]:
-        """The inverse of `to_skeleton`. Below a node scaled to nothing no position can be kept: the nodes' own are returned."""
+        """The inverse of `to_skeleton`. Below a node scaled to nothing no position can be kept: it gets its own."""
         back = rot.inverse(self.rotation_above)
         local, turned = positions.copy(), rotations.copy()
         local[..., 0, :] = rot.rotate(back, positions[..., 0, :] - self.position_above)
@@ -176,9 +176,9 @@ def animated_nodes(document: Document) -> set[int]:
 def joint_nodes(document: Document, tree: NodeTree, moving: set[int]) -> list[int]:
     """The nodes that make the skeleton, parents before children; empty for a file without bones.
 
-    All joints of all skins, what lies between them, their lowest common ancestor, and any of `moving` (nodes that really
-    move in some clip) above or below. A file without skin takes its moving nodes for joints, with all bare nodes beside and
-    below them, or, if it shows nothing at all, its whole tree. Raises `FileError` if they hang in separate trees.
+    All joints of all skins, what lies between them, their lowest common ancestor, and any of `moving` (nodes that
+    really move in some clip) above or below. A file without skin takes its moving nodes for joints, with all bare nodes
+    beside and below them, or, if it shows nothing at all, its whole tree. Raises `FileError` for separate trees.
     """
     joints = {node for skin in document.entries("skins") for node in skin["joints"]}
     bare = {node for node in tree.order if not _shows(document, node)}

@@ -82,7 +82,7 @@ class Surface:
             "KHR_draco_mesh_compression" in primitive.get("extensions", ())
         ):
             raise self.document.fail(
-                "is compressed with Draco, which cannot be read yet; export it without compression", place
+                "is compressed with Draco, which a later version will read; export it without compression", place
             )
         points = self.document.floats(attributes["POSITION"], ("VEC3",))
         points = self._morphed(node, primitive, points, place)
@@ -163,7 +163,7 @@ class Surface:
 
 
 def triangles(corners: Int[Array, "corners"], mode: int) -> Int[Array, "triangles 3"]:
-    """Vertex triples of a triangle list, strip or fan; an incomplete last triangle is dropped, as the specification says."""
+    """Vertex triples of a triangle list, strip or fan; an incomplete last triangle is dropped, as specified."""
     if mode == TRIANGLES:
         return corners[: len(corners) // 3 * 3].reshape(-1, 3)
     if len(corners) < 3:

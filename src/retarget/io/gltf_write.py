@@ -28,9 +28,11 @@ def save(
 ) -> None:
     """Write a character with its motions as .glb, or as .gltf with a .bin beside it, by the suffix of `path`.
 
-    A character that was read from glTF keeps its file: everything in it stays, byte for byte, and the motions are appended
-    as animations, in terms of its own nodes. `keep_clips=False` leaves out the clips it had. Any other character is
-    written anew. `animation_only` writes the joints and the motions: no surface, no pictures, no earlier clips.
+    A character that was read from glTF keeps its file: everything in it stays, byte for byte, and the motions are
+    appended as animations, in terms of its own nodes (which is why its mesh and skin are taken from there, whatever
+    the character holds now). What had to be repaired on reading is written repaired, behind the faulty data.
+    `keep_clips=False` leaves out the clips it had. Any other character is written anew. `animation_only` writes the
+    joints and the motions: no surface, no pictures, no earlier clips.
 
     Raises `RetargetError` if a motion belongs to another skeleton or has no frames, `FileError` if `path` cannot be
     written. The file appears whole or not at all.
@@ -65,7 +67,8 @@ def _check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:
         return
     other = next((f"{a!r} instead of {b!r}" for a, b in zip(skeleton.names, expected.names) if a != b), "other parents")
     raise RetargetError(
-        f"{owner} has another skeleton than the character written to: {len(skeleton)} joints against {len(expected)}, {other}"
+        f"{owner} has another skeleton than the character written to: {len(skeleton)} joints against "
+        f"{len(expected)}, {other}"
     )
 
 

@@ -5,8 +5,8 @@ not know and drops faces that name missing vertices), vertices must keep the fil
 texture seams), and a header that declares more than the file holds must be refused before memory is taken. What is left
 to do is small: a loop over the lines of an OBJ, and `ply.py`.
 
-One vertex of the file is one vertex of the mesh, in the file's order, so that landmarks and correspondences by index hold
-and the surface stays closed. Polygons become fans of triangles, objects and groups one mesh.
+One vertex of the file is one vertex of the mesh, in the file's order, so that landmarks and correspondences by index
+hold and the surface stays closed. Polygons become fans of triangles, objects and groups one mesh.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from retarget.character import Mesh, PointCloud
 from retarget.errors import FileError, RetargetError
 from retarget.io.asset import Asset
 from retarget.io.decimal_text import number, shown
+from retarget.io.ply import fan, read_ply, write_ply
 from retarget.io.whole_file import written_whole
 
 Array = np.ndarray
@@ -32,7 +33,7 @@ Array = np.ndarray
 PASSED_OVER = {
     b"materials": b"mtllib usemtl maplib usemap",
     b"lines and single points": b"l p",
-    b"curves and free-form surfaces": b"vp cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con ctech stech",
+    b"free-form surfaces": b"vp cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con ctech stech",
     b"": b"vn o g s mg bevel c_interp d_interp lod shadow_obj trace_obj",
 }
 PASSED_OVER = {word: name.decode() for name, words in PASSED_OVER.items() for word in words.split()}
@@ -44,15 +45,13 @@ BLOCK = 1 << 14
 def load(path: str | Path) -> Asset:
     """Read an OBJ or PLY file: kind 'mesh', or 'points' when it has no faces.
 
-    Texture coordinates are kept where no vertex has two of them (without seams). Raises `FileError` with line or byte for
+    Texture coordinates are kept where no vertex has two of them (without seams). Raises `FileError` with the place for
     what cannot be read, numbers that are not finite, and faces that name vertices that do not exist.
     """
     path = Path(path)
     try:
         with open(path, "rb") as file:
             if path.suffix.lower() == ".ply":
-                from retarget.io.ply import read_ply
-
                 surface, notes = read_ply(path, file)
             else:
                 surface, notes = _read_obj(path, file)
@@ -71,24 +70,13 @@ def save(path: str | Path, surface: Mesh | PointCloud) -> None:
     """
     path = Path(path)
     if path.suffix.lower() not in (".obj", ".ply"):
-        raise FileError(path, f"a bare surface is written as .obj or .ply, not as {path.suffix or 'a file without suffix'!r}")
+        received = path.suffix or "a file without suffix"
+        raise FileError(path, f"a bare surface is written as .obj or .ply, not as {received!r}")
     if not isinstance(surface, (Mesh, PointCloud)):
         raise RetargetError(f"a Mesh or a PointCloud can be written here, received {type(surface).__name__}")
-    if path.suffix.lower() == ".ply":
-        from retarget.io.ply import write_ply as write
-    else:
-        write = _write_obj
+    write = write_ply if path.suffix.lower() == ".ply" else _write_obj
     with written_whole(path) as file:
         write(file, surface)
-
-
-def fan(corners: Int[Array, "corners"], counts: Int[Array, "polygons"]) -> Int[Array, "faces 3"]:
-    """Triangles of polygons given one after another; each becomes a fan about its first corner."""
-    triangles = np.maximum(counts - 2, 0)
-    polygon = np.repeat(np.arange(len(counts)), triangles)
-    first = (np.cumsum(counts) - counts)[polygon]
-    second = first + 1 + np.arange(len(polygon)) - (np.cumsum(triangles) - triangles)[polygon]
-    return np.stack([corners[first], corners[second], corners[second + 1]], axis=1)
 
 
 @dataclass
@@ -117,7 +105,8 @@ class _Obj:
         elif keyword == b"f":
             self.face(words)
         elif keyword == b"vt":
-            self.texture.extend(self.values([*words[:3], b"0"][: 3 if len(words) > 2 else 4], 2, "vt takes finite numbers"))
+            words += [b"0"] * (len(words) == 2)  # v may be left out
+            self.texture.extend(self.values(words, 2, "a texture coordinate takes two finite numbers"))
         elif keyword in PASSED_OVER:
             if name := PASSED_OVER[keyword]:
                 self.passed_over[name] = self.passed_over.get(name, 0) + 1
@@ -135,21 +124,21 @@ class _Obj:
             raise self.fault(f"a face needs three corners, received {shown(b' '.join(words[1:]))}")
         vertices, texture = len(self.vertices) // 3, len(self.texture) // 2
         for word in words[1:]:
-            parts = word.split(b"/")
-            try:
-                corner = int(parts[0])
-                uv = int(parts[1]) if len(parts) > 1 and parts[1] else 0
-            except ValueError:
-                raise self.fault(f"{shown(word)} is no corner of a face (v, v/vt, v//vn or v/vt/vn)") from None
-            # From 1 on; negative ones count back from the newest. Whether they exist is known at the end.
-            corner = corner - 1 if corner > 0 else corner + vertices
-            uv = uv - 1 if uv >= 0 else uv + texture
-            if not 0 <= corner < 1 << 40 or not -1 <= uv < 1 << 40:
-                raise self.fault(f"corner {shown(word)} names a vertex that does not exist; there are {vertices} so far")
-            self.corners.append(corner)
-            self.texture_corners.append(uv)
+            first, *rest = word.split(b"/")
+            self.corners.append(self.index(first, vertices, word))
+            self.texture_corners.append(self.index(rest[0], texture, word) if rest and rest[0] else -1)
         self.counts.append(len(words) - 1)
         self.lines.append(self.line)
+
+    def index(self, digits: bytes, newest: int, word: bytes) -> int:
+        """OBJ counts from 1, negative numbers back from the newest. Whether a later one exists is known at the end."""
+        try:
+            index = int(digits)
+        except ValueError:
+            raise self.fault(f"{shown(word)} is no corner of a face (v, v/vt, v//vn or v/vt/vn)") from None
+        if not -newest <= index < 1 << 40 or index == 0:
+            raise self.fault(f"corner {shown(word)} reaches outside the {newest} given so far; the first has number 1")
+        return index - 1 if index > 0 else index + newest
 
     def surface(self) -> tuple[Mesh | PointCloud, tuple[str, ...]]:
         vertices = np.array(self.vertices).reshape(-1, 3)
@@ -171,7 +160,9 @@ class _Obj:
             raise self.fault(f"the face names {what} {int(indices[missing[0]]) + 1} of {count}")
         return indices
 
-    def uvs(self, vertices: int, corners: Int[Array, "corners"]) -> tuple[Float[Array, "vertices 2"] | None, tuple[str, ...]]:
+    def uvs(
+        self, vertices: int, corners: Int[Array, "corners"]
+    ) -> tuple[Float[Array, "vertices 2"] | None, tuple[str, ...]]:
         """Texture coordinates by vertex, where that is possible; OBJ has them by corner, origin bottom left."""
         chosen = self.checked(self.texture_corners, len(self.texture) // 2, "texture coordinate")
         if not len(chosen) or chosen.min() < 0:
@@ -194,19 +185,19 @@ def _read_obj(path: Path, file: BinaryIO) -> tuple[Mesh | PointCloud, tuple[str,
 
 def _statements(file: BinaryIO) -> Iterator[tuple[int, list[bytes]]]:
     """The words of each line that has any, without comments; a backslash at the end joins the next line."""
-    start, joined = 0, b""
+    start, joined = 0, []
     for line, text in enumerate(file, 1):
         if line == 1:
             text = text.removeprefix(b"\xef\xbb\xbf")
         start = start or line
         stripped = text.split(b"#", 1)[0].rstrip()
         if stripped.endswith(b"\\"):
-            joined += stripped[:-1] + b" "
+            joined.append(stripped[:-1])
             continue
-        if words := (joined + stripped).split():
+        if words := b" ".join([*joined, stripped]).split():
             yield start, words
-        start, joined = 0, b""
-    if words := joined.split():
+        start, joined = 0, []
+    if words := b" ".join(joined).split():
         yield start, words
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,15 +18,21 @@ from retarget.io.decimal_text import numbers, shown, workable
 Array = np.ndarray
 
 TYPES = {
-    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8",
-    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "float": "f4", "double": "f8",
+    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "float32": "f4", "float64": "f8",
 }  # fmt: skip
 
 BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 TEXTURE = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
+WANTED = {"x", "y", "z", "vertex_indices", "vertex_index"}.union(*TEXTURE)
+"""The properties worth keeping."""
+
 LONGEST_HEADER = 1 << 16
+LONGEST_ROW = 1 << 20
 
 
 @dataclass
@@ -85,8 +93,6 @@ def _mesh(
     counts: Int[Array, "polygons"],
     corners: Array,
 ) -> tuple[Mesh, tuple[str, ...]]:
-    from retarget.io.obj_ply import fan
-
     if not workable(vertices):
         bad = int(np.flatnonzero(~(np.abs(vertices) < 1e12).all(axis=1))[0])
         raise FileError(path, f"holds {vertices[bad].tolist()}, which is no place in space", f"vertex {bad}")
@@ -118,7 +124,8 @@ def _read_header(path: Path, file: BinaryIO) -> tuple[str, list[_Element], int]:
     """Byte order ('' for text), elements, and the number of the first line behind the header."""
     start = file.readline(80)
     if start.strip() != b"ply":
-        raise FileError(path, f"is not a PLY file: it begins with {shown(start)} instead of 'ply'" if start else "is empty")
+        problem = f"is not a PLY file: it begins with {shown(start)} instead of 'ply'"
+        raise FileError(path, problem if start else "is empty")
     elements: list[_Element] = []
     order, line = None, 1
     while text := file.readline(LONGEST_HEADER):
@@ -134,7 +141,7 @@ def _read_header(path: Path, file: BinaryIO) -> tuple[str, list[_Element], int]:
             return order, elements, line + 1
         if words[0] == "format" and len(words) == 3 and words[1] in BYTE_ORDERS:
             order = BYTE_ORDERS[words[1]]
-        elif words[0] == "element" and len(words) == 3 and words[2].isascii() and words[2].isdigit() and len(words[2]) < 16:
+        elif words[0] == "element" and len(words) == 3 and re.fullmatch("[0-9]{1,15}", words[2]):
             if any(words[1] == element.name for element in elements):
                 raise FileError(path, f"a second element {words[1]!r}", f"line {line}")
             elements.append(_Element(words[1], int(words[2])))
@@ -185,6 +192,9 @@ class _Text:
     def items(self, _: str, at: int, count: int) -> Array:
         return self.values[at : at + count]
 
+    def gather(self, _: str, starts: Array, counts: Array) -> Array:
+        return self.values[np.repeat(starts, counts) + _within(counts)]
+
     def table(self, fields: list[tuple[str, int]], rows: int) -> list[Array]:
         ends = np.cumsum([count for _, count in fields])
         table = self.values[self.at : self.at + rows * int(ends[-1])].reshape(rows, -1)
@@ -211,10 +221,20 @@ class _Bytes:
     def items(self, type_: str, at: int, count: int) -> Array:
         return np.frombuffer(self.bytes, self.order + type_, count, at)
 
+    def gather(self, type_: str, starts: Array, counts: Array) -> Array:
+        size = self.size(type_)
+        places = np.repeat(starts, counts) + size * _within(counts)
+        return np.frombuffer(self.bytes, np.uint8)[places[:, None] + np.arange(size)].view(self.order + type_)[:, 0]
+
     def table(self, fields: list[tuple[str, int]], rows: int) -> list[Array]:
         row = np.dtype([(f"f{i}", self.order + type_, (count,)) for i, (type_, count) in enumerate(fields)])
         table = np.frombuffer(self.bytes, row, rows, self.at)
         return [table[name] for name in row.names]
+
+
+def _within(counts: Int[Array, "lists"]) -> Int[Array, "values"]:
+    """0 1 2 ... within each list."""
+    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _read_element(body: _Text | _Bytes, element: _Element) -> dict[str, Any]:
@@ -225,12 +245,13 @@ def _read_element(body: _Text | _Bytes, element: _Element) -> dict[str, Any]:
     smallest = sum(body.size(each.count_type or each.type) for each in element.properties)
     left = body.length - body.at
     if element.count == 0:
-        return {each.name: (np.zeros(0, int), np.zeros(0)) if each.count_type else np.zeros(0) for each in element.properties}
+        none = np.zeros(0)
+        return {each.name: (np.zeros(0, int), none) if each.count_type else none for each in element.properties}
     if not element.properties:
         raise FileError(body.path, f"declares {element.count} of element {element.name!r} without any property")
     if element.count * smallest > left:
-        problem = f"declares {element.count} of element {element.name!r}, at least {element.count * smallest} {body.unit}"
-        raise FileError(body.path, f"{problem}, and holds {left} more; the file is cut off")
+        needed = f"at least {element.count * smallest} {body.unit}, and holds {left} more; the file is cut off"
+        raise FileError(body.path, f"declares {element.count} of element {element.name!r}, so {needed}")
     return _read_uniform(body, element) or _read_ragged(body, element)
 
 
@@ -247,7 +268,7 @@ def _read_uniform(body: _Text | _Bytes, element: _Element) -> dict[str, Any] | N
         fields.append((each.type, count))
         at += count * body.size(each.type)
     size = at - body.at
-    if element.count * size > body.length - body.at:
+    if element.count * size > body.length - body.at or size > LONGEST_ROW:
         return None
     columns: dict[str, Any] = {}
     blocks = iter(body.table(fields, element.count))
@@ -266,7 +287,7 @@ def _read_uniform(body: _Text | _Bytes, element: _Element) -> dict[str, Any] | N
 
 def _read_ragged(body: _Text | _Bytes, element: _Element) -> dict[str, Any]:
     """Row by row, since only a list's length tells where the next one begins."""
-    parts: dict[str, list[Array]] = {each.name: [] for each in element.properties}
+    found = {each.name: (each, array("q"), array("q")) for each in element.properties if each.name in WANTED}
     at = body.at
     for row in range(element.count):
         for each in element.properties:
@@ -274,18 +295,20 @@ def _read_ragged(body: _Text | _Bytes, element: _Element) -> dict[str, Any]:
             if each.count_type:
                 count = _list_length(body, element, each, row, at)
                 at += body.size(each.count_type)
-            stop = at + count * body.size(each.type)
-            if stop > body.length:
+            if each.name in found:
+                _, starts, counts = found[each.name]
+                starts.append(at)
+                counts.append(count)
+            at += count * body.size(each.type)
+            if at > body.length:
                 raise FileError(body.path, "the file is cut off here", f"{element.name} {row}")
-            parts[each.name].append(body.items(each.type, at, count))
-            at = stop
     body.at = at
-    return {
-        each.name: (np.array([len(part) for part in parts[each.name]]), np.concatenate(parts[each.name]))
-        if each.count_type
-        else np.concatenate(parts[each.name])
-        for each in element.properties
-    }
+    columns: dict[str, Any] = {}
+    for name, (each, starts, counts) in found.items():
+        lengths = np.array(counts)
+        values = body.gather(each.type, np.array(starts), lengths)
+        columns[name] = (lengths, values) if each.count_type else values
+    return columns
 
 
 def _list_length(body: _Text | _Bytes, element: _Element, each: _Property, row: int, at: int) -> int:
@@ -298,6 +321,15 @@ def _list_length(body: _Text | _Bytes, element: _Element, each: _Property, row: 
         problem = f"{each.name} announces {value:g} values where {left} {body.unit} are left"
         raise FileError(body.path, problem, f"{element.name} {row}")
     return int(value)
+
+
+def fan(corners: Int[Array, "corners"], counts: Int[Array, "polygons"]) -> Int[Array, "faces 3"]:
+    """Triangles of polygons given one after another; each becomes a fan about its first corner."""
+    triangles = np.maximum(counts - 2, 0)
+    polygon = np.repeat(np.arange(len(counts)), triangles)
+    first = (np.cumsum(counts) - counts)[polygon]
+    second = first + 1 + _within(triangles)
+    return np.stack([corners[first], corners[second], corners[second + 1]], axis=1)
 
 
 def write_ply(file: BinaryIO, surface: Mesh | PointCloud) -> None:

@@ -22,12 +22,14 @@ from retarget.motion.ik import two_bone
 Array = np.ndarray
 
 # Our choices, in seconds.
-FADE = 0.25
+FADE = 0.15
 """A displacement fades over about this time where nothing rests."""
 GRIP = 0.006
 """A point that comes to rest stands still after about this time: below a frame, so contacts hold exactly."""
 LIFT_SIGMA = 0.10
 """Low-pass on the body's lift."""
+SOFTNESS = 0.02
+"""Metres between two feet's lifts over which the lower one takes the lead."""
 STRETCH = 0.9995
 """Share of its length to which a leg is stretched at most (or as far as the copied pose stretches it)."""
 
@@ -51,10 +53,11 @@ def body_lift(
     support: Sequence[Float[Array, "frames points"]],
     fps: float,
 ) -> Float[Array, "frames"]:
-    """How far the whole body should rise (or sink, negative) so that resting feet meet their support on average.
+    """How far the whole body should rise (or sink, negative) so that resting feet meet their support.
 
-    What legs of other proportions are off by goes into the height of the hips first, not into the bend of the knees.
-    Takes the lists of the legs only. Between contacts the lift runs on linearly; it is low-passed.
+    What legs of other proportions are off by goes into the height of the hips first, not into the bend of the knees. Of
+    two feet the lower one counts more (a soft maximum: a leg can reach down, but not push the floor away). Takes the
+    lists of the legs only. Between contacts the lift runs on linearly; it is low-passed.
     """
     frames = len(points[0])
     lifts = np.full((frames, len(points)), np.nan)
@@ -64,7 +67,8 @@ def body_lift(
     standing = np.flatnonzero(np.isfinite(lifts).any(axis=1))
     if len(standing) == 0:
         return np.zeros(frames)
-    known = np.nanmean(lifts[standing], axis=1)
+    share = np.exp((lifts[standing] - np.nanmax(lifts[standing], axis=1, keepdims=True)) / SOFTNESS)
+    known = np.nansum(share * lifts[standing], axis=1) / np.nansum(share, axis=1)
     return gaussian(np.interp(np.arange(frames), standing, known), LIFT_SIGMA * fps)
 
 
@@ -101,8 +105,8 @@ def settle(
 ) -> Float[Array, "frames channels"]:
     """The smooth correction d that makes every point stand still while it rests.
 
-    Minimises  sum over resting steps |Δ(p + d)|² / g²  +  sum |Δ²d|²  +  sum |d|² / f⁴  with g the grip and f the fade in
-    frames: contact steps cost their movement, all else costs the curvature that the correction adds.
+    Minimises  sum over resting steps |Δ(p + d)|² / g²  +  sum |Δ²d|²  +  sum over free frames |d|² / f⁴  with g the grip
+    and f the fade in frames: contact steps cost their movement, all else costs the curvature that the correction adds.
     """
     still = (resting[1:] & resting[:-1]).astype(float)
     step_weight = still.sum(axis=1) / (GRIP * fps) ** 2
@@ -140,12 +144,18 @@ def _least_squares(
     step_goal: Float[Array, "steps channels"],
     fps: float,
 ) -> Float[Array, "frames channels"]:
-    """Minimise  Σ weight (d - goal)² + Σ step_weight (Δd - step_goal)² + Σ (Δ²d)² + Σ d² / fade⁴  by banded Cholesky."""
+    """Minimise  Σ weight (d - goal)² + Σ step_weight (Δd - step_goal)² + Σ (Δ²d)² + Σ fade d²  by banded Cholesky.
+
+    `fade` is 1 / FADE⁴ on free frames; on held ones it only keeps the matrix definite, lest long contacts creep.
+    """
     from scipy.linalg import solveh_banded
 
     frames = len(weight)
+    held = weight > 0
+    held[:-1] |= step_weight > 0
+    held[1:] |= step_weight > 0
     band = np.zeros((3, frames))  # lower form: diagonal, first, second below
-    band[0] = weight + (FADE * fps) ** -4
+    band[0] = weight + np.where(held, 1e-5, 1.0) * (FADE * fps) ** -4
     band[0, :-1] += step_weight
     band[0, 1:] += step_weight
     band[1, :-1] -= step_weight

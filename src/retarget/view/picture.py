@@ -54,7 +54,7 @@ class Row:
         if vertices.ndim != 3 or vertices.shape[2] != 3 or len(vertices) == 0:
             raise RetargetError(f"row {self.label!r} needs (frames, vertices, 3) numbers, received {vertices.shape}")
         object.__setattr__(self, "vertices", vertices.astype(np.float64, copy=False))
-        check_vertices(self.mesh, self.vertices, f"row {self.label!r}")
+        check_vertices(len(self.mesh.vertices), self.vertices, f"row {self.label!r}")
         if self.captions and len(self.captions) != len(vertices):
             raise RetargetError(f"row {self.label!r} has {len(vertices)} frames but {len(self.captions)} captions")
 
@@ -93,12 +93,13 @@ def sheet(
         raise RetargetError(f"a cell is 16 to 4096 pixels high, received {size}")
     if columns is not None and columns < 1:
         raise RetargetError(f"a sheet needs at least one column, received {columns}")
-    frames, aspect = _frame_rows(rows, _azimuth(view), size)
+    surfaces = [prepare_surface(row.mesh) for row in rows]
+    shown = [row.vertices[:, surface.kept] for row, surface in zip(rows, surfaces, strict=True)]
+    frames, aspect = _frame_rows(shown, _azimuth(view), size)
     plan = _Layout.of(rows, frames, size, round(aspect * size), columns, title)
     canvas = np.empty((plan.height, plan.width, 3), dtype=np.uint8)
     canvas[:] = to_srgb(BACKGROUND)
-    for number, (row, framing) in enumerate(zip(rows, frames, strict=True)):
-        surface = prepare_surface(row.mesh)
+    for number, (row, surface, framing) in enumerate(zip(rows, surfaces, frames, strict=True)):
         for k, vertices in enumerate(row.vertices):
             x, y = plan.cell(number, k)
             cell = render(surface, vertices, framing.camera(k), plan.cell_width, framing.height, framing.floor)
@@ -159,10 +160,11 @@ class _Framing:
         return Camera((x, y, z), self.azimuth, distance=self.distance, span=self.span, shift=self.shift)
 
 
-def _frame_rows(rows: Sequence[Row], azimuth: float, pixels: int) -> tuple[list[_Framing], float]:
+def _frame_rows(
+    shown: Sequence[Float[Array, "frames seen 3"]], azimuth: float, pixels: int
+) -> tuple[list[_Framing], float]:
     """How each row is looked at, one scale for rows of comparable size, and the cells' width over their height."""
-    shown = [_visible(row) for row in rows]
-    framings: list[Any] = [None] * len(rows)
+    framings: list[Any] = [None] * len(shown)
     aspect = NARROWEST
     for group in _alike([_spread(each) for each in shown]):
         size = max(_size(shown[k]) for k in group)
@@ -178,11 +180,6 @@ def _frame_rows(rows: Sequence[Row], azimuth: float, pixels: int) -> tuple[list[
             own = float(span) * height / pixels
             framings[k] = _Framing(targets[k], floors[k], azimuth, AWAY * size, own, float(low) + own / 2, height)
     return framings, float(aspect)
-
-
-def _visible(row: Row) -> Float[Array, "frames seen 3"]:
-    """The vertices that belong to a face."""
-    return row.vertices[:, np.unique(row.mesh.faces)]
 
 
 def _alike(sizes: Sequence[float]) -> list[list[int]]:

@@ -39,8 +39,8 @@ def render(
     vertices that are not finite or do not belong to the mesh.
     """
     surface = mesh if isinstance(mesh, Surface) else prepare_surface(mesh)
-    check_vertices(surface.mesh, vertices)
-    vertices = vertices.astype(np.float64, copy=False)
+    check_vertices(surface.given, vertices)
+    vertices = vertices[surface.kept].astype(np.float64, copy=False)
     if floor is None:
         picture = np.tile(BACKGROUND, (height, width, 1))
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -25,6 +25,11 @@ class Surface:
     """What all pictures of one mesh share; `prepare_surface` makes one."""
 
     mesh: Mesh
+    """Without the vertices of no face."""
+    kept: Int[Array, "vertices"]
+    """Which of the original mesh's vertices these are."""
+    given: int
+    """Number of the original mesh's vertices."""
     welded: Int[Array, "vertices"]
     """The first vertex at the same rest position: where texture seams split a vertex, its halves are lit as one."""
     textures: tuple[tuple[Float[Array, "_ _ 3"], ...] | None, ...]
@@ -35,12 +40,15 @@ class Surface:
 
 def prepare_surface(mesh: Mesh) -> Surface:
     """Decode the textures and find vertices that coincide. A texture that cannot be read is left out with a warning."""
+    kept, faces = np.unique(mesh.faces, return_inverse=True)
+    given, uvs = len(mesh.vertices), None if mesh.uvs is None else mesh.uvs[kept]
+    mesh = replace(mesh, vertices=mesh.vertices[kept], faces=faces.reshape(-1, 3), uvs=uvs)
     _, first, group = np.unique(np.round(mesh.vertices, 7), axis=0, return_index=True, return_inverse=True)
     materials = mesh.materials or (Material(base_color=(0.62, 0.62, 0.62, 1.0)),)
     textures = tuple(_texture(each) if mesh.uvs is not None and each.image else None for each in materials)
     factors = np.array([each.base_color[:3] for each in materials], dtype=np.float32).reshape(-1, 3)
     which = np.zeros(len(mesh.faces), dtype=np.int64) if mesh.face_materials is None else mesh.face_materials
-    return Surface(mesh, first[group.reshape(-1)], textures, factors, which)
+    return Surface(mesh, kept, given, first[group.reshape(-1)], textures, factors, which)
 
 
 def _texture(material: Material) -> tuple[Float[Array, "_ _ 3"], ...] | None:
@@ -75,12 +83,12 @@ def to_srgb(linear: Float[Array, "*shape"]) -> UInt8[Array, "*shape"]:
     return np.round(table * 255).astype(np.uint8)[index]
 
 
-def check_vertices(mesh: Mesh, vertices: Float[Array, "*frames vertices 3"], where: str = "") -> None:
-    """Raise `RetargetError` unless these are finite positions of the mesh's vertices."""
+def check_vertices(count: int, vertices: Float[Array, "*frames vertices 3"], where: str = "") -> None:
+    """Raise `RetargetError` unless these are finite positions of that many vertices."""
     where = where and f"{where}: "
-    if vertices.shape[-2] != len(mesh.vertices):
+    if vertices.shape[-2] != count:
         received = vertices.shape[-2]
-        raise RetargetError(f"{where}the mesh has {len(mesh.vertices)} vertices, received positions of {received}")
+        raise RetargetError(f"{where}the mesh has {count} vertices, received positions of {received}")
     bad = ~np.isfinite(vertices).all(axis=-1)
     if bad.any():
         place = np.argwhere(bad)[0]

@@ -1,0 +1,472 @@
+import os
+import random
+import re
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from retarget.body import rotations as rot
+from retarget.body.kinematics import rest_pose, world_pose
+from retarget.character import Motion, Skeleton
+from retarget.errors import FileError, RetargetError
+from retarget.io import bvh
+
+WALK = """HIERARCHY
+ROOT Hips
+{
+  OFFSET 0 1 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT Left Leg
+  {
+    OFFSET 0.5 -1 0
+    CHANNELS 3 Yrotation Xrotation Zrotation
+    End Site
+    {
+      OFFSET 0 -2 0
+    }
+  }
+  JOINT Spine
+  {
+    OFFSET 0 2 0
+    CHANNELS 1 Xrotation
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.041667
+0 1 0 0 0 0 0 0 0 0
+1 2 3 10 20 30 40 50 60 70
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text):
+        path = tmp_path / "file.bvh"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return bvh.load(path)
+
+    return read
+
+
+def decode(asset):
+    return asset, asset.motion() if asset.clips else None
+
+
+def quaternion(order, *degrees):
+    return rot.from_euler(np.radians(np.array(degrees, dtype=float)), order)
+
+
+def test_skeleton_and_motion_of_a_plain_file(read):
+    asset, motion = decode(read(WALK))
+    skeleton = asset.character.skeleton
+    assert asset.kind == "motion" and asset.convention.up is None and asset.convention.metres_per_unit is None
+    assert skeleton.names == ("Hips", "Left Leg", "Spine") and skeleton.parents.tolist() == [-1, 0, 0]
+    assert skeleton.offsets.tolist() == [[0, 1, 0], [0.5, -1, 0], [0, 2, 0]]
+    assert np.array_equal(skeleton.rest_rotations, np.tile(rot.IDENTITY, (3, 1)))
+    assert {joint: end.tolist() for joint, end in skeleton.end_offsets.items()} == {1: [0, -2, 0]}
+    assert (asset.clips[0].frames, asset.clips[0].fps) == (2, 24.0) == (len(motion), motion.fps)
+    assert motion.moved == (0,) and motion.translations.tolist() == [[[0, 1, 0]], [[1, 2, 3]]]
+    assert np.allclose(motion.rotations[1, 0], quaternion("ZXY", 10, 20, 30))
+    assert np.allclose(motion.rotations[1, 1], quaternion("YXZ", 40, 50, 60))
+    assert np.allclose(motion.rotations[1, 2], quaternion("X", 70))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace(" ", "\t").replace("Left\tLeg", "Left Leg").replace("Frame\tTime", "Frame Time"),
+        lambda text: text.rstrip(),
+        lambda text: text.replace("\n", "\n\n"),
+        lambda text: "\ufeff" + text,
+        lambda text: text.replace("0 0 0\n1 2", "0 0 0 \n  1 2"),
+        lambda text: re.sub("(ROOT|JOINT|OFFSET|CHANNELS|HIERARCHY|MOTION|[XYZ]rotation)", lambda m: m[0].lower(), text),
+        lambda text: text.upper().replace("HIPS", "Hips").replace("LEFT LEG", "Left Leg").replace("SPINE", "Spine"),
+        lambda text: re.sub(r"\n *\{", " {", text),
+        lambda text: text.replace("Frames:", "Frames :"),
+        lambda text: text.replace("1 2 3 10", "1 2 3\n10"),
+    ],
+    ids="crlf tabs no-final-newline blank-lines bom outer-blanks lower upper brace-on-line colon wrapped".split(),
+)
+def test_ways_of_writing_the_same_file(read, change):
+    expected, motion = decode(read(WALK))
+    asset, changed = decode(read(change(WALK)))
+    assert asset.character.skeleton.names == expected.character.skeleton.names
+    assert np.array_equal(motion.rotations, changed.rotations)
+    assert np.array_equal(motion.translations, changed.translations)
+
+
+@pytest.mark.parametrize(
+    "printed, rate",
+    [
+        (".0083333", 120), ("0.008333", 120), ("0.041667", 24), (".03333", 30), ("0.033", 30), ("0.0333667", 29.97),
+        ("0.008342", 119.88), ("0.0166666", 60), ("0.04", 25), ("0.01", 100), ("0.0417", 24), ("8.33333e-03", 120),
+        ("0.041708", 23.976), ("1", 1), ("0.02", 50), ("0.0100503", 1 / 0.0100503), ("0.5", 2), ("0.008", 125),
+    ],
+)  # fmt: skip
+def test_frame_rates_that_printed_times_mean(printed, rate):
+    assert bvh.frames_per_second(printed) == pytest.approx(rate, rel=1e-12)
+
+
+def test_position_channels_replace_the_offset_of_any_joint(read):
+    text = WALK.replace("CHANNELS 3 Yrotation", "CHANNELS 5 Yposition Zposition Yrotation")
+    text = text.replace("0 1 0 0 0 0 0", "0 1 0 0 0 0 -1 0 0").replace("20 30 40", "20 30 -1.5 0.25 40")
+    asset, motion = decode(read(text))
+    assert motion.moved == (0, 1)
+    assert motion.translations[:, 1].tolist() == [[0.5, -1, 0], [0.5, -1.5, 0.25]]
+    assert not any("added" in note for note in asset.notes)
+
+
+def test_position_channels_that_vanish_beside_the_offsets_are_added(read):
+    text = WALK.replace("CHANNELS 3 Yrotation", "CHANNELS 6 Xposition Yposition Zposition Yrotation")
+    text = text.replace("0 1 0 0 0 0 0", "0 1 0 0 0 0 0 0 0 0").replace("20 30 40", "20 30 0 0.25 0 40")
+    asset, motion = decode(read(text))
+    assert motion.translations[:, 1].tolist() == [[0.5, -1, 0], [0.5, -0.75, 0]]
+    assert any("added" in note for note in asset.notes)
+    # The root's replace its offset nevertheless.
+    assert motion.translations[:, 0].tolist() == [[0, 1, 0], [1, 2, 3]]
+
+
+def test_a_joint_that_keeps_its_offset_is_not_moved(read):
+    text = WALK.replace("CHANNELS 3 Yrotation", "CHANNELS 6 Xposition Yposition Zposition Yrotation")
+    text = text.replace("0 1 0 0 0 0 0", "0 1 0 0 0 0 .5 -1 0 0").replace("20 30 40", "20 30 .5 -1 0 40")
+    assert decode(read(text))[1].moved == (0,)
+
+
+def test_a_root_without_position_channels_stays_at_its_offset(read):
+    text = WALK.replace("6 Xposition Yposition Zposition", "3").replace("0 1 0 0 0", "0 0", 1).replace("1 2 3 10", "10")
+    assert decode(read(text))[1].translations.tolist() == [[[0, 1, 0]]] * 2
+
+
+@pytest.mark.parametrize(
+    "old, new, word",
+    [
+        ("JOINT Spine", "JOINT Left Leg", "numbered: Left Leg_2"),
+        ("OFFSET 0 2 0", "OFFSET 0 0 0", "length zero: Spine"),
+        ("    CHANNELS 1 Xrotation\n", "", "keep still: Spine"),
+        ("    End Site\n", "    End Site\n{\nOFFSET 1 1 1\n}\n End Site\n", "several End Sites"),
+        ("Frame Time: 0.041667", "Frame Time: 0.042", "24 frames a second"),
+    ],
+)
+def test_oddities_are_read_and_noted(read, old, new, word):
+    text = WALK.replace(old, new)
+    if "CHANNELS 1" in old:
+        text = text.replace("0 0 0 0\n", "0 0 0\n").replace(" 70\n", "\n")
+    asset, motion = decode(read(text))
+    assert len(motion) == 2 and any(word in note for note in asset.notes), asset.notes
+
+
+def test_what_follows_the_frames_is_passed_over_and_noted(read):
+    _, expected = decode(read(WALK))
+    for junk in ("0 0 0 0 0 0 0 0 0 0\n", "the end\n", "\n\n\x00\x01"):
+        asset, motion = decode(read(WALK + junk))
+        assert np.array_equal(motion.rotations, expected.rotations) and any("passed over" in note for note in asset.notes)
+
+
+def test_names_that_appear_again_never_collide_with_others(read):
+    asset = read(WALK.replace("Left Leg", "a").replace("Spine", "a").replace("Hips", "a_2"))
+    assert len(set(asset.character.skeleton.names)) == 3 and asset.character.skeleton.names[:2] == ("a_2", "a")
+
+
+def test_a_hierarchy_alone_is_a_skeleton_without_clips(read):
+    asset = read(WALK[: WALK.index("MOTION")])
+    assert len(asset.character.skeleton) == 3 and asset.clips == ()
+    with pytest.raises(FileError, match="no animation clip"):
+        asset.motion()
+
+
+REJECTED = {
+    "empty": (lambda text: "", "is empty"),
+    "blank": (lambda text: " \n\n", "is empty"),
+    "another format": (lambda text: "glTF" + text, "is not a BVH file.*'glTFHIERARCHY'"),
+    "binary": (lambda text: bytes(range(256)) * 10, "is not a BVH file"),
+    "a line without end": (lambda text: "HIERARCHY\n" + "x" * 100_000, "line 2: a line of more than"),
+    "no root": (lambda text: "HIERARCHY\nMOTION\nFrames: 1", "line 2: the hierarchy has no ROOT"),
+    "several roots": (lambda text: text.replace("JOINT Spine", "ROOT Spine"), "line 15: a second ROOT 'Spine' beside 'Hips'"),
+    "unknown word": (lambda text: text.replace("OFFSET 0 2", "OFSET 0 2"), "line 17: 'OFSET' is no word"),
+    "no brace": (lambda text: text.replace("  {\n    OFFSET 0 2", "    OFFSET 0 2"), r"line 16: expected '\{' after joint 'Spine'"),
+    "brace without joint": (lambda text: text.replace("ROOT Hips\n", ""), r"line 2: '\{' without a ROOT"),
+    "brace too many": (lambda text: text.replace("MOTION", "}\nMOTION"), "line 21: '}' closes nothing"),
+    "brace missing": (lambda text: text.replace("}\nMOTION", "MOTION"), "line 20: .* inside joint 'Hips'; 1 closing braces"),
+    "cut in the hierarchy": (lambda text: text[: text.index("JOINT Spine")], "line 14: .*the file is cut off"),
+    "cut before a brace": (lambda text: text[: text.index("Spine") + 6], "line 15: .*inside joint 'Spine'"),
+    "joint outside": (lambda text: text.replace("ROOT Hips", "JOINT Hips"), "line 2: JOINT 'Hips' stands outside"),
+    "joint in end site": (lambda text: text.replace("OFFSET 0 -2 0", "JOINT a"), "line 12: JOINT 'a' stands inside an End Site"),
+    "no name": (lambda text: text.replace("JOINT Spine", "JOINT"), "line 15: a joint without a name"),
+    "end site outside": (lambda text: text.replace("ROOT Hips", "End Site"), "line 2: an End Site outside"),
+    "no offset": (lambda text: text.replace("    OFFSET 0 2 0\n", ""), "line 18: joint 'Spine' has no OFFSET"),
+    "no end offset": (lambda text: text.replace("OFFSET 0 -2 0", ""), "line 13: the end site has no OFFSET"),
+    "two offsets": (lambda text: text.replace("OFFSET 0 2 0", "OFFSET 0 2 0\nOFFSET 0 2 0"), "line 18: a second OFFSET"),
+    "short offset": (lambda text: text.replace("OFFSET 0 2 0", "OFFSET 0 2"), "line 17: OFFSET takes three finite numbers"),
+    "nan offset": (lambda text: text.replace("OFFSET 0 2 0", "OFFSET 0 nan 0"), "line 17: OFFSET takes three finite numbers"),
+    "huge offset": (lambda text: text.replace("OFFSET 0 2 0", "OFFSET 0 1e300 0"), "line 17: OFFSET takes three"),
+    "offset outside": (lambda text: text.replace("ROOT Hips", "OFFSET 1 2 3"), "line 2: OFFSET stands outside"),
+    "channels outside": (lambda text: text.replace("ROOT Hips", "CHANNELS 0"), "line 2: CHANNELS stands outside"),
+    "channel count": (lambda text: text.replace("CHANNELS 1", "CHANNELS 2"), "line 18: CHANNELS gives the count '2' and then 1"),
+    "no channel count": (lambda text: text.replace("CHANNELS 1 Xrotation", "CHANNELS"), "line 18: CHANNELS gives the count ''"),
+    "unknown channel": (lambda text: text.replace("CHANNELS 1 X", "CHANNELS 1 W"), "line 18: 'Wrotation' is no channel"),
+    "double channel": (lambda text: text.replace("3 Yrotation", "3 Zrotation"), "line 9: a channel of joint 'Left Leg'"),
+    "no channels": (lambda text: re.sub(" *CHANNELS.*\n", "", text), "names no CHANNELS"),
+    "nothing below MOTION": (lambda text: text[: text.index("Frames")], "ends where 'Frames: COUNT' should stand"),
+    "no frames line": (lambda text: text.replace("Frames: 2\n", ""), "line 22: expected 'Frames: COUNT'"),
+    "no frame time": (lambda text: text[: text.index("Frame Time")], "ends where 'Frame Time: SECONDS'"),
+    "frames no number": (lambda text: text.replace("Frames: 2", "Frames: 2.5"), "line 22: the number of frames must be"),
+    "negative frames": (lambda text: text.replace("Frames: 2", "Frames: -2"), "line 22: the number of frames must be"),
+    "no frame": (lambda text: text.replace("Frames: 2", "Frames: 0"), "line 22: there is no frame"),
+    "frame time zero": (lambda text: text.replace("0.041667", "0"), "line 23: the frame time must be a positive"),
+    "frame time words": (lambda text: text.replace("0.041667", "fast"), "line 23: the frame time must be .* 'fast'"),
+    "frame time nan": (lambda text: text.replace("0.041667", "nan"), "line 23: the frame time must be a positive"),
+    "a million frames": (lambda text: text.replace("Frames: 2", "Frames: 1000000"), "declares 1000000 frames and ends after 2"),
+    "cut between frames": (lambda text: text[: text.index("1 2 3 10")], "line 25: declares 2 frames and ends after 1"),
+    "cut inside a frame": (lambda text: text[: text.index("60 70")], "line 25: ends inside frame 2 of 2, after 8 of its 10"),
+    "number missing": (lambda text: text.replace("0 1 0 0", "0 1 0"), "line 24: frame 1 has 9 numbers; .* 10 channels"),
+    "number too many": (lambda text: text.replace(" 70\n", " 70 1\n"), "line 25: frame 2 has 11 numbers"),
+    "no number": (lambda text: text.replace(" 70\n", " x\n"), "line 25: 'x' is no finite number"),
+    "decimal comma": (lambda text: text.replace(" 70\n", " 7,0\n"), "line 25: '7,0' is no finite number"),
+    "nan": (lambda text: text.replace(" 70\n", " nan\n"), "line 25: 'nan' is no finite number"),
+    "infinity": (lambda text: text.replace(" 70\n", " 1e999\n"), "line 25: '1e999' is no finite number"),
+    "minus glued": (lambda text: text.replace("0 0 0 0\n", "0 0 0 0-1\n"), "line 24: '0-1' is no finite number"),
+    "zero byte": (lambda text: text.replace(" 70\n", " \x00\n"), "line 25: ends inside frame 2"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change, message", REJECTED.values(), ids=REJECTED.keys())
+def test_faulty_files_are_refused_in_one_line(read, tmp_path, change, message):
+    with pytest.raises(FileError, match=f"file.bvh.*{message}") as caught:
+        decode(read(change(WALK)))
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
+
+
+def test_few_channels_do_not_make_a_small_file_fill_the_memory(read):
+    joints = "".join(f"JOINT {i}\n{{\nOFFSET 0 1 0\n}}\n" for i in range(20_000))
+    text = "HIERARCHY\nROOT r\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n" + joints + "}\nMOTION\nFrames: 10000\nFrame Time: 1\n"
+    with pytest.raises(FileError, match="leave out joints that keep still"):
+        read(text + "0\n" * 10_000)
+
+
+def test_missing_file_and_file_that_changes_after_loading(read, tmp_path):
+    with pytest.raises(FileError, match="cannot be read"):
+        bvh.load(tmp_path / "absent.bvh")
+    asset = read(WALK)
+    asset.path.write_text(WALK[:-20])
+    with pytest.raises(FileError, match="has the file changed"):
+        asset.motion()
+    asset.path.unlink()
+    with pytest.raises(FileError, match="cannot be read"):
+        asset.motion()
+
+
+def test_nesting_of_any_depth(read):
+    depth = 20_000
+    text = "HIERARCHY\nROOT r\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n"
+    text += "".join(f"JOINT {i}\n{{\nOFFSET 0 1 0\n" for i in range(depth)) + "}\n" * (depth + 1)
+    assert len(read(text).character.skeleton) == depth + 1
+
+
+# --- writing -----------------------------------------------------------------------------------------------------------
+
+NAMES = st.text(st.characters(min_codepoint=32, exclude_categories=["Cs"], exclude_characters="{}"), min_size=1, max_size=8)
+NAMES = NAMES.filter(lambda name: name.encode() == name.encode().strip())
+
+
+@st.composite
+def motions(draw, identity_rest=False):
+    count = draw(st.integers(1, 6))
+    names = draw(st.lists(NAMES, min_size=count, max_size=count, unique=True))
+    parents = [-1] + [draw(st.integers(0, joint - 1)) for joint in range(1, count)]
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    rest = np.tile(rot.IDENTITY, (count, 1)) if identity_rest else rot.normalise(rng.normal(size=(count, 4)))
+    ends = {joint: rng.normal(size=3) for joint in range(count) if draw(st.booleans())}
+    scale = draw(st.sampled_from([0.01, 1.0, 100.0]))
+    skeleton = Skeleton(tuple(names), np.array(parents), scale * rng.normal(size=(count, 3)), rest, ends or None)
+    moved = tuple([0] + [joint for joint in range(1, count) if draw(st.booleans())])
+    frames = draw(st.integers(1, 5))
+    return Motion(
+        skeleton,
+        rot.normalise(rng.normal(size=(frames, count, 4))),
+        scale * rng.normal(size=(frames, len(moved), 3)),
+        draw(st.sampled_from([24.0, 29.97, 30.0, 33.7, 120.0, 1000.0, 0.3])),
+        moved,
+    )
+
+
+def by_name(values, skeleton, names):
+    return np.take(values, [skeleton.names.index(name) for name in names], axis=-2)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(motion=motions(), order=st.permutations("XYZ"))
+def test_written_and_read_back_every_joint_is_where_it_was(tmp_path, motion, order):
+    path = tmp_path / "out.bvh"
+    bvh.save(path, motion, order="".join(order))
+    again = bvh.load(path).motion()
+    names, scale = motion.skeleton.names, np.abs(motion.skeleton.offsets).max()
+    assert sorted(again.skeleton.names) == sorted(names) and again.fps == pytest.approx(motion.fps, rel=1e-9)
+    assert {again.skeleton.names[joint] for joint in again.moved} <= {names[joint] for joint in motion.moved}
+
+    rest_rotations, rest_positions = rest_pose(motion.skeleton)
+    assert np.abs(by_name(rest_pose(again.skeleton)[1], again.skeleton, names) - rest_positions).max() < 2e-5 * scale
+    rotations, positions = world_pose(motion)
+    again_rotations, again_positions = world_pose(again)
+    assert np.abs(by_name(again_positions, again.skeleton, names) - positions).max() < 2e-5 * scale
+    turns = rot.multiply(rotations, rot.inverse(rest_rotations))  # from rest to now, in the world
+    assert np.asarray(rot.angle_between(by_name(again_rotations, again.skeleton, names), turns)).max() < 1e-6
+
+    ends = {names[joint]: rot.rotate(rest_rotations[joint], end) for joint, end in (motion.skeleton.end_offsets or {}).items()}
+    again_ends = {again.skeleton.names[joint]: end for joint, end in (again.skeleton.end_offsets or {}).items()}
+    assert ends.keys() == again_ends.keys()
+    assert all(np.abs(ends[name] - again_ends[name]).max() < 1e-6 for name in ends)
+
+
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(motion=motions(identity_rest=True))
+def test_a_skeleton_with_identity_rest_is_written_as_it_is(tmp_path, motion):
+    bvh.save(tmp_path / "out.bvh", motion)
+    again = bvh.load(tmp_path / "out.bvh").motion()
+    order = [again.skeleton.names.index(name) for name in motion.skeleton.names]
+    assert np.abs(again.skeleton.offsets[order] - motion.skeleton.offsets).max() <= 5.1e-7
+    assert np.asarray(rot.angle_between(again.rotations[:, order], motion.rotations)).max() < 1e-6
+
+
+def chain(joints=20, frames=50, length=0.1):
+    rng = np.random.default_rng(0)
+    names = tuple(f"j{i}" for i in range(joints))
+    rest = rot.normalise(rng.normal(size=(joints, 4)))
+    skeleton = Skeleton(names, np.arange(joints) - 1, np.tile([0, length, 0.0], (joints, 1)), rest)
+    return Motion(skeleton, rot.normalise(rng.normal(size=(frames, joints, 4))), rng.normal(size=(frames, 1, 3)), 60.0)
+
+
+def test_a_long_chain_comes_back_within_a_tenth_of_a_millimetre(tmp_path):
+    motion = chain(joints=60, frames=100)
+    bvh.save(tmp_path / "out.bvh", motion)
+    error = np.abs(world_pose(bvh.load(tmp_path / "out.bvh").motion())[1] - world_pose(motion)[1]).max()
+    assert error < 1e-4 / 4
+
+
+def test_written_angles_do_not_jump_by_a_turn(tmp_path):
+    motion = chain(joints=1, frames=100)
+    spin = rot.from_rotation_vector(np.linspace(0, 12, 100)[:, None, None] * [0, 0, 1.0])
+    bvh.save(tmp_path / "out.bvh", replace(motion, rotations=spin))
+    lines = (tmp_path / "out.bvh").read_text().splitlines()[-100:]
+    angles = np.array([line.split() for line in lines], float)[:, 3:]
+    assert np.abs(np.diff(angles, axis=0)).max() < 10 and angles[:, 0].max() > 600
+
+
+@pytest.mark.parametrize(
+    "motion, order, message",
+    [
+        (chain(), "XXY", "rotation order"),
+        (replace(chain(), rotations=np.zeros((0, 20, 4)), translations=np.zeros((0, 1, 3))), "ZXY", "has no frame"),
+        *[
+            (replace(chain(1), skeleton=replace(chain(1).skeleton, names=(name,))), "ZXY", "cannot be written")
+            for name in ("", " a", "a{", "a\nb", "a\x00b", "\ud800")
+        ],
+    ],
+)
+def test_what_bvh_cannot_hold_is_refused_and_nothing_written(tmp_path, motion, order, message):
+    with pytest.raises(RetargetError, match=message):
+        bvh.save(tmp_path / "out.bvh", motion, order)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_folder_that_cannot_be_written_is_told_and_a_failure_leaves_the_old_file(tmp_path, monkeypatch):
+    with pytest.raises(FileError, match="cannot be written"):
+        bvh.save(tmp_path / "absent" / "out.bvh", chain())
+    path = tmp_path / "out.bvh"
+    path.write_text("old")
+    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        bvh.save(path, chain())
+    assert os.listdir(tmp_path) == ["out.bvh"] and path.read_text() == "old"
+
+
+# --- mutations and speed -----------------------------------------------------------------------------------------------
+
+
+def mutate(raw, rng):
+    """One fault, as files get them: flipped, lost or added bytes, a cut, words in the wrong place."""
+    raw, kind, at = bytearray(raw), rng.randrange(7), rng.randrange(len(raw))
+    if kind == 0:
+        raw[at] = rng.randrange(256)
+    elif kind == 1:
+        del raw[at : at + rng.randrange(1, 30)]
+    elif kind == 2:
+        raw[at:at] = rng.randbytes(rng.randrange(1, 8))
+    elif kind == 3:
+        del raw[at:]
+    elif kind == 4:
+        words = re.split(rb"(\s+)", bytes(raw))
+        i, j = (2 * rng.randrange((len(words) + 1) // 2) for _ in range(2))
+        words[i], words[j] = words[j], words[i]
+        raw = b"".join(words)
+    elif kind == 5:
+        words = re.split(rb"(\s+)", bytes(raw))
+        words[2 * rng.randrange((len(words) + 1) // 2)] = rng.choice(
+            [b"nan", b"-1", b"1e308", b"99999999999", b"{", b"}", b"MOTION", b"ROOT", b"JOINT", b"", b"\xff", b"0", b"End"]
+        )
+        raw = b"".join(words)
+    else:
+        lines = bytes(raw).split(b"\n")
+        i = rng.randrange(len(lines))
+        lines[i : i + 1] = rng.choice([[], [lines[i]] * 2, [lines[i], rng.choice(lines)]])
+        raw = b"\n".join(lines)
+    return bytes(raw)
+
+
+def test_mutated_files_are_read_or_refused_but_never_crash(read):
+    rng = random.Random(0)
+    text = WALK.encode()
+    refused = 0
+    for _ in range(1500):
+        raw = text
+        for _ in range(rng.randrange(1, 4)):
+            raw = mutate(raw, rng) or text
+        start = time.perf_counter()
+        try:
+            motion = decode(read(raw))[1]
+            assert motion is None or np.isfinite(world_pose(motion)[1]).all()
+        except RetargetError as error:
+            refused += 1
+            assert "\n" not in str(error)
+        assert time.perf_counter() - start < 2
+    assert 500 < refused < 1500  # both happen, or the mutations are too mild or too wild
+
+
+def long_file(path, joints, frames):
+    channels = 3 * joints + 3
+    with open(path, "w") as file:
+        file.write("HIERARCHY\nROOT j0\n{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition ")
+        file.write("Zrotation Xrotation Yrotation\n")
+        for joint in range(1, joints):
+            file.write(f"JOINT j{joint}\n{{\nOFFSET 0 1 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n")
+        file.write("}\n" * joints + f"MOTION\nFrames: {frames}\nFrame Time: 0.008333\n")
+        block = np.random.default_rng(0).uniform(-180, 180, size=(100, channels))
+        text = "".join(("%.5f " * channels + "\n") % tuple(row) for row in block.tolist())
+        for _ in range(frames // 100):
+            file.write(text)
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_frames_of_sixty_joints_are_read_in_six_seconds(tmp_path):
+    long_file(tmp_path / "long.bvh", 60, 100_000)
+    start = time.process_time()
+    asset = bvh.load(tmp_path / "long.bvh")
+    loaded = time.process_time() - start
+    motion = asset.motion()
+    seconds = time.process_time() - start
+    (tmp_path / "long.bvh").unlink()
+    assert motion.rotations.shape == (100_000, 60, 4)
+    assert loaded < 1.0 and seconds < 6.0, f"layout {loaded:.2f} s, all {seconds:.2f} s"
+
+
+@pytest.mark.slow
+def test_three_thousand_frames_of_sixty_joints_are_written_in_a_second_and_a_half(tmp_path):
+    motion = chain(joints=60, frames=3000)
+    start = time.process_time()
+    bvh.save(tmp_path / "out.bvh", motion)
+    assert time.process_time() - start < 1.5
