@@ -10,12 +10,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import human_decimate as decimate
 import human_regions as regions
 import human_rig as rig
+import human_texture as texture
 import human_topology as topology
 import numpy as np
 from human_details import DETAILS, detail_targets
-from human_source import BaseMesh, Source, macro_targets
+from human_source import BODY_VERTICES, BaseMesh, Source, macro_targets
 from scipy import sparse
 
 RESULT = Path(__file__).resolve().parents[1] / "src" / "retarget" / "body" / "human.npz"
@@ -49,9 +51,9 @@ def build(path: Path) -> dict[str, np.ndarray]:
     joint_names, parents, cubes = rig.joint_table()
     weights = rig.merged_weights(source, joint_names)
 
-    half, faces = light_half(base, np.stack([average, *(body(*key) for key in KEY_BODIES)]), weights, joint_names)
-    rows, faces, mirror, index = topology.unfold(half, faces)
-    combine = combination(rows, len(base.vertices))
+    skin = light_body(base, np.stack([average, *(body(*key) for key in KEY_BODIES)]), weights, joint_names)
+    faces, mirror = skin.faces, skin.mirror
+    combine = combination(skin.rows, len(base.vertices))
     light_weights = rig.finish_weights(skin_rows(combine, weights, joint_names), faces, mirror, joint_names)
 
     details = symmetric(base, detail_targets(source, len(base.vertices)))
@@ -61,7 +63,8 @@ def build(path: Path) -> dict[str, np.ndarray]:
     report_regressor(base, cubes, regressor, combine, np.stack([body(*key) for key in KEY_BODIES]))
 
     mesh = combine @ average
-    places = name_places(mesh, faces, mirror, light_weights, joint_names, regressor, half, index)
+    joints = dict(zip(joint_names, regressor[: len(joint_names)] @ mesh, strict=True))
+    places = name_places(source, base, mesh, skin, light_weights, joints)
     left = len(mesh) - int((mirror < np.arange(len(mirror))).sum())  # left and middle vertices come first
     upper = combine[:left]
     macro = np.stack([upper @ delta for delta in deltas])
@@ -94,11 +97,10 @@ def symmetric(base: BaseMesh, deltas: np.ndarray) -> np.ndarray:
     return 0.5 * (deltas + deltas[:, base.mirror] * np.array([-1, 1, 1], dtype=deltas.dtype))
 
 
-def light_half(base: BaseMesh, shapes: np.ndarray, weights: np.ndarray, joint_names: list[str]) -> tuple:
-    """The left half with mouth and eyes closed, decimated and with improved diagonals: (half, faces)."""
-    height = np.ptp(shapes[:, :13380, 1], axis=1)
-    shapes = shapes * (height[0] / height)[:, None, None]
-    half = topology.Half(base, shapes)
+def light_body(base: BaseMesh, shapes: np.ndarray, weights: np.ndarray, joint_names: list[str]) -> topology.Body:
+    """The light skin: mouth and eyes closed, decimated on all the given bodies at once, diagonals improved."""
+    height = np.ptp(shapes[:, :BODY_VERTICES, 1], axis=1)
+    half = topology.Half(base, shapes * (height[0] / height)[:, None, None])
     topology.weld_mouth(half)
     topology.fill_eye(half)
     topology.triangulate(half)
@@ -106,13 +108,13 @@ def light_half(base: BaseMesh, shapes: np.ndarray, weights: np.ndarray, joint_na
     region = {}
     for v in sorted({v for face in half.triangles for v in face}):
         original = max(half.weights(v), key=half.weights(v).get)
-        region[v] = REGION_PARTS[regions.PARTS[labels[original]]] if original < 13380 else "head"
-    budget = {name: BUDGET.get(name, NO_LIMIT) for name in set(region.values())}
-    decimation = topology.Decimation(half, region, budget)
+        region[v] = REGION_PARTS[regions.PARTS[labels[original]]] if original < BODY_VERTICES else "head"
+    decimation = decimate.Decimation(half, region, {name: BUDGET.get(name, NO_LIMIT) for name in set(region.values())})
     decimation.run()
     print("half:", decimation.count)
     eyes = {face for faces in half.eye_faces.values() for face in faces}
-    return half, topology.flip_edges(half, list(decimation.faces.values()), eyes)
+    triangles = {face: decimation.uvs[i] for i, face in decimation.faces.items()}
+    return topology.unfold(half, decimate.flip_edges(half, triangles, eyes))
 
 
 def whole_bodies(base: BaseMesh, row: dict[str, int], deltas: np.ndarray) -> np.ndarray:
@@ -158,21 +160,22 @@ def quantised(name: str, rows: np.ndarray) -> dict[str, np.ndarray]:
     return {name: np.round(rows / scale[:, None]).astype(np.int16), f"{name}_scale": scale.astype(np.float64)}
 
 
-def name_places(mesh, faces, mirror, weights, joint_names, regressor, half, index) -> dict[str, np.ndarray]:
-    """Parts, seams, landmarks and colour regions as arrays."""
-    joints = dict(zip(joint_names, regressor[: len(joint_names)] @ mesh, strict=True))
-    labels = regions.part_labels(weights, joint_names)
-    parts = regions.face_parts(labels, faces)
-    loops = regions.seams(faces, parts)
+def name_places(
+    source: Source, base: BaseMesh, mesh: np.ndarray, skin: topology.Body, weights: np.ndarray, joints: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Parts, seams, landmarks, colour regions and texture as arrays."""
+    labels = regions.part_labels(weights, list(joints))
+    parts = regions.face_parts(labels, skin.faces)
+    loops = regions.seams(skin.faces, parts)
     print("seams:", [(regions.PARTS[a], regions.PARTS[b], len(loop)) for a, b, loop in loops])
-    eyes = {}
-    for kind, members in half.eye_faces.items():
-        ours = [frozenset(index[v] for v in face) for face in members]
-        eyes["eyeWhite" if kind == "sclera" else kind] = set(ours) | {frozenset(int(mirror[v]) for v in f) for f in ours}
-    centre = max(half.combine, key=lambda v: (half.shapes[0][v, 2] if v in half.locked else -1, v))
-    find = regions.Finder(mesh, joints, labels, weights)
-    marks = regions.landmarks(find, mirror, index[centre])
-    materials = regions.face_materials(mesh, faces, joints, labels, eyes, set())
+    pupil = sorted({v for face in skin.eye_faces["pupil"] for v in face if mesh[v, 0] > 0})
+    pupil = min(pupil, key=lambda v: np.linalg.norm(mesh[v] - mesh[pupil].mean(axis=0)))
+    marks = regions.landmarks(regions.Finder(mesh, joints, labels, weights), skin.mirror, pupil)
+    wardrobe = regions.Wardrobe(joints, mesh[pupil])
+    lips = texture.mask_at(source, "mpfb_lips", skin.uvs[skin.face_uvs].mean(axis=1)) > 0.5
+    materials = regions.face_materials(mesh, skin.faces, parts, wardrobe, skin.eye_faces, lips)
+    image = texture.bake(source, skin, mesh, parts, wardrobe)
+    print("texture:", len(image) // 1000, "kB")
     return {
         "part_names": np.array(regions.PARTS), "vertex_parts": labels.astype(np.uint8), "face_parts": parts.astype(np.uint8),
         "seam_parts": np.array([loop[:2] for loop in loops], dtype=np.uint8),
@@ -181,6 +184,8 @@ def name_places(mesh, faces, mirror, weights, joint_names, regressor, half, inde
         "landmark_names": np.array(list(marks)), "landmark_vertices": np.array(list(marks.values()), dtype=np.uint16),
         "material_names": np.array(list(regions.MATERIALS)), "material_colors": np.array(list(regions.MATERIALS.values())),
         "face_materials": materials.astype(np.uint8),
+        "uvs": np.round(skin.uvs * 65535).astype(np.uint16), "face_uvs": skin.face_uvs.astype(np.uint16),
+        "texture_png": np.frombuffer(image, dtype=np.uint8),
     }  # fmt: skip
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
 
 PARTS = (
     "head", "neck", "chest", "abdomen", "pelvis",
@@ -197,37 +199,98 @@ def _left_leg(find: Finder, y: np.ndarray, z: np.ndarray) -> dict[str, int]:
     }  # fmt: skip
 
 
+class Wardrobe:
+    """Colour regions as signed distances (metres, positive inside) at points of the average body."""
+
+    def __init__(self, joints: dict[str, np.ndarray], eye: np.ndarray) -> None:
+        self.joints, self.eye = joints, eye
+
+    def fields(self, points: np.ndarray, parts: np.ndarray) -> dict[str, np.ndarray]:
+        """`shirt`, `shorts` and `hair` at points (points, 3) on body parts (points,)."""
+        points = points * [1, 1, 1]
+        points[:, 0] = np.abs(points[:, 0])
+        waist = points[:, 1] - self.joints["spine"][1] + 0.012
+        collar = np.linalg.norm((points - self.joints["neck"] - [0, 0.025, 0.04]) * [1, 1, 0.8], axis=1) - 0.096
+        trunk = _on(parts, "neck", "chest", "abdomen", "pelvis")
+        sleeve = self._before("leftUpperArm", "leftLowerArm", 0.52, points)
+        leg = self._before("leftUpperLeg", "leftLowerLeg", 0.72, points)
+        outside = np.full(len(points), -0.05)
+        shirt = np.where(trunk, np.minimum(waist, collar), outside)
+        shorts = np.where(trunk, np.minimum(-waist, collar), outside)
+        return {
+            "shirt": np.where(_on(parts, "leftUpperArm", "rightUpperArm"), sleeve, shirt),
+            "shorts": np.where(_on(parts, "leftThigh", "rightThigh"), leg, shorts),
+            "hair": np.where(_on(parts, "head", "neck"), self._hair(points), outside),
+        }
+
+    def _before(self, start: str, end: str, share: float, points: np.ndarray) -> np.ndarray:
+        """Distance to a plane across a limb, positive on the body's side."""
+        axis = self.joints[end] - self.joints[start]
+        length = np.linalg.norm(axis)
+        return share * length - (points - self.joints[start]) @ axis / length
+
+    def _hair(self, points: np.ndarray) -> np.ndarray:
+        x, up, forward = (points - self.joints["head"]).T
+        line = np.interp(up, [-0.06, 0.0, 0.045, 0.05, 0.085, 0.105, 0.122, 0.13],
+                         [-0.025, -0.008, 0.012, 0.03, 0.042, 0.062, 0.1, 0.25])  # fmt: skip
+        behind_ear = np.interp(up, [-0.04, 0.02, 0.05], [-0.022, -0.014, 0.012])
+        ear = np.maximum.reduce([0.066 - x, up - 0.05, behind_ear - forward, forward - 0.04])
+        return np.minimum.reduce([line - forward, up + 0.052 - 0.1 * np.maximum(forward + 0.06, 0), ear])
+
+    def brow(self, points: np.ndarray) -> np.ndarray:
+        """Eyebrows: positive within a thin arch above the eye."""
+        x, up = np.abs(points[:, 0]) - self.eye[0], points[:, 1] - self.eye[1]
+        arch = 0.0195 - 9.0 * (x - 0.006) ** 2
+        half_width = np.interp(x, [-0.016, -0.012, 0.008, 0.02], [0.0, 0.0032, 0.0028, 0.0])
+        return np.where(points[:, 2] > self.eye[2] - 0.04, half_width - np.abs(up - arch), -1.0)
+
+
+def _on(parts: np.ndarray, *names: str) -> np.ndarray:
+    return np.isin(parts, [PARTS.index(name) for name in names])
+
+
 def face_materials(
-    vertices: np.ndarray, faces: np.ndarray, joints: dict[str, np.ndarray], labels: np.ndarray, eyes: dict[str, set], lips: set
+    vertices: np.ndarray, faces: np.ndarray, parts: np.ndarray, wardrobe: Wardrobe, eyes: dict[str, set[frozenset[int]]], lips: np.ndarray
 ) -> np.ndarray:
-    """Colour region (index into MATERIALS) of each face: a T-shirt, shorts, a cap of hair, lips and eyes on skin."""
+    """Colour region (index into MATERIALS) of each face: T-shirt, shorts, a cap of hair, lips and eyes on skin."""
     names = list(MATERIALS)
-    x, y, z = vertices[faces].mean(axis=1).T
-    x = np.abs(x)
-    centre = np.stack([x, y, z], axis=1)
-    part = labels[faces]
-    has = {name: np.isin(part, [i for i, p in enumerate(PARTS) if p.endswith(name)]).sum(axis=1) >= 2 for name in (*PARTS, "UpperArm", "Thigh")}
-
-    def along(start: str, end: str) -> np.ndarray:
-        axis = joints[end] - joints[start]
-        return (centre - joints[start]) @ axis / (axis @ axis)
-
+    field = wardrobe.fields(vertices[faces].mean(axis=1), parts)
+    clothed = smooth_region(vertices, faces, np.maximum(field["shirt"], field["shorts"]))
+    lower = smooth_region(vertices, faces, np.where(field["shorts"] > field["shirt"], 1, -1) * np.maximum(np.abs(field["shorts"]), 0.001))
     region = np.full(len(faces), names.index("skin"))
-    waist = joints["spine"][1] - 0.01
-    trunk = has["chest"] | has["abdomen"] | has["pelvis"]
-    collar = np.linalg.norm((centre - joints["neck"] - [0, 0.02, 0.045]) * [1, 1.0, 0.75], axis=1)
-    shirt = (trunk & (y > waist) & (collar > 0.095)) | (has["UpperArm"] & (along("leftUpperArm", "leftLowerArm") < 0.5))
-    region[shirt] = names.index("shirt")
-    shorts = (trunk & (y <= waist)) | (has["Thigh"] & (along("leftUpperLeg", "leftLowerLeg") < 0.72))
-    region[shorts] = names.index("shorts")
-    up, forward = y - joints["head"][1], z - joints["head"][2]
-    ear = (x > 0.068) & (up < 0.055) & (forward > -0.03) & (forward < 0.03)
-    line = np.interp(up, [-0.06, 0.0, 0.05, 0.09, 0.115, 0.12], [-0.03, -0.012, 0.02, 0.05, 0.075, 1.0])
-    region[has["head"] & (forward < line) & (up > -0.055) & ~ear] = names.index("hair")
+    region[smooth_region(vertices, faces, field["hair"])] = names.index("hair")
+    region[clothed] = names.index("shirt")
+    region[clothed & lower] = names.index("shorts")
+    region[lips] = names.index("lips")
     for k, face in enumerate(faces.tolist()):
-        if set(face) <= lips:
-            region[k] = names.index("lips")
         for kind, members in eyes.items():
             if frozenset(face) in members:
                 region[k] = names.index(kind)
     return region
+
+
+def smooth_region(vertices: np.ndarray, faces: np.ndarray, field: np.ndarray, softness: float = 2e-4) -> np.ndarray:
+    """Faces inside a field, with the border shortened: the minimal cut between area misplaced and border length.
+
+    A border by thresholds has teeth, one for every other triangle; the cut moves by at most a triangle and has none.
+    """
+    corners = vertices[faces]
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    owner = {edge: k for k, face in enumerate(faces.tolist()) for edge in zip(face, face[1:] + face[:1], strict=True)}
+    pairs = np.array([(k, owner[b, a], a, b) for (a, b), k in owner.items()])
+    length = np.linalg.norm(vertices[pairs[:, 2]] - vertices[pairs[:, 3]], axis=1)
+    unit = 1e7  # the solver counts in integers
+    pull = np.round(unit * area * np.clip(np.abs(field), 0, 0.03) / softness).astype(np.int64)
+    source, sink = len(faces), len(faces) + 1
+    face = np.arange(len(faces))
+    rows = np.concatenate([pairs[:, 0], np.where(field > 0, source, face)])
+    columns = np.concatenate([pairs[:, 1], np.where(field > 0, face, sink)])
+    capacity = np.concatenate([np.round(unit * length).astype(np.int64), pull]).astype(np.int32)
+    graph = sparse.csr_matrix((capacity, (rows, columns)), shape=(len(faces) + 2,) * 2)
+    flow = csgraph.maximum_flow(graph, source, sink).flow
+    residual = (graph - flow).tocsr()
+    residual.data[residual.data < 0] = 0
+    residual.eliminate_zeros()
+    inside = np.zeros(len(faces) + 2, bool)
+    inside[csgraph.breadth_first_order(residual, source, return_predecessors=False)] = True
+    return inside[: len(faces)]

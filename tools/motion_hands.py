@@ -14,7 +14,7 @@ from motion_touch import Aim, Apart, Meet, Problem, Touch, faces_of
 from retarget.motion.filter import gaussian
 
 Array = np.ndarray
-STIFF = np.array([6, 6, 2.5, 2.5, 2.5, 2.5, 2.5, 3, 5, 4, 4, 4, 2.5, 2.5, 2.5, 2.5, 5]) * 1e-3
+STIFF = np.array([40, 40, 10, 10, 10, 10, 10, 10, 15, 8, 8, 8, 5, 5, 5, 5, 12]) * 1e-3
 """How much each arm angle resists being changed from the guess: metres of contact error that a radian is worth."""
 
 
@@ -45,15 +45,17 @@ class Hold:
     """Landmarks of this side (without its name) that touch: 'Palm', 'IndexTip', ..."""
     parts: Sequence[str]
     """Parts of the body that they touch."""
-    near: dict[str, str]
-    """Landmark of this side: landmark of the body that it shall be near."""
+    near: dict[str, dict[str, float]]
+    """Landmark of this side: place on the body that it shall be near, a mix of up to three landmarks."""
     fingers: tuple[float, float, float] | None = None
     """World direction from wrist to middle fingertip that is wanted."""
+    palm: tuple[float, float, float] | None = None
+    """World direction that the palm faces."""
     pull: float = 0.25
     aim: float = 0.05
     clear: Sequence[str] = ()
     """Further arms that are left out of what this arm must not enter."""
-    soft: float = 1.0
+    soft: float = 3.0
     """Weight of the touching points."""
 
 
@@ -71,13 +73,24 @@ def arm_problem(performer: Performer, act: Channels, frame: int, hold: Hold, lif
     touches = [Touch(points, part_faces(performer, *hold.parts), hold.soft)] if lift == 0 else []
     meets = []
     for mine, other in hold.near.items():
-        corner = performer.landmark(other)
-        meets.append(Meet(performer.landmark(side + mine), np.array([corner] * 3), np.array([1.0, 0, 0]), hold.pull, lift, away))
+        names = (list(other) * 3)[:3]
+        mix = np.array([other[name] if i < len(other) else 0.0 for i, name in enumerate(names)])
+        corners = np.array([performer.landmark(name) for name in names])
+        meets.append(Meet(performer.landmark(side + mine), corners, mix, hold.pull, lift, away))
     aims = []
     if hold.fingers:
-        aims = [Aim(performer.landmark(side + "WristOutside"), performer.landmark(side + "MiddleTip"), hold.fingers, hold.aim)]
+        aims += [Aim(performer.landmark(side + "WristOutside"), performer.landmark(side + "MiddleTip"), hold.fingers, hold.aim)]
+    if hold.palm:
+        aims += [Aim(performer.landmark(side + "BackOfHand"), performer.landmark(side + "Palm"), hold.palm, hold.aim)]
     apart = Apart(limb_vertices(performer, side), body_faces(performer, side, *hold.clear), margin=0.0 if lift == 0 else 0.006)
     return Problem(performer, build, LIMITS[:, 0], LIMITS[:, 1], STIFF, touches, meets, aims, (apart,))
+
+
+def settle(problem: Problem, guess: Array) -> Array:
+    """The arm of a guess brought to its place: first hand and fingers where and how they are wanted, then the skin."""
+    free = replace(problem, touches=(), aparts=(), aims=[replace(aim, weight=4 * aim.weight) for aim in problem.aims])
+    placed = free.solve(guess, rounds=25)
+    return problem.solve(placed, rounds=30)
 
 
 def one_frame(performer: Performer, act: Channels, frame: int) -> tuple[Array, Array]:

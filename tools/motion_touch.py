@@ -149,8 +149,12 @@ class Problem:
         for _ in range(rounds):
             linear = self._linearise(x)
             residual, jacobian = linear(x, guess)
-            hessian = jacobian.T @ jacobian + 1e-7 * np.eye(len(x))
-            delta = -np.linalg.solve(hessian, jacobian.T @ residual)
+            slope = jacobian.T @ residual
+            # Angles that lie at a limit and want beyond it are left out of the step.
+            free = ~(((x <= self.lowest) & (slope > 0)) | ((x >= self.highest) & (slope < 0)))
+            hessian = jacobian[:, free].T @ jacobian[:, free] + 1e-6 * np.eye(int(free.sum()))
+            delta = np.zeros(len(x))
+            delta[free] = -np.linalg.solve(hessian, slope[free])
             delta *= min(1.0, step / max(np.abs(delta).max(), 1e-9))
             x = np.clip(x + delta, self.lowest, self.highest)
             if np.abs(delta).max() < 2e-4:

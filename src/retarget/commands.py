@@ -249,8 +249,8 @@ def write_joint_map(source: Path, target: Path, output: Path) -> dict[str, Any]:
 
 def write_body(output: Path, preset: str | None, shape: Mapping[str, float], components: list[str], motion: str | None) -> dict[str, Any]:
     """Write the embedded human, still or performing an embedded motion."""
-    from retarget.body.human import human
-    from retarget.body.kinematics import rest_pose
+    from retarget.body.human import PRESETS, human
+    from retarget.errors import unknown_name
     from retarget.io import save
 
     check_output(output)
@@ -261,16 +261,18 @@ def write_body(output: Path, preset: str | None, shape: Mapping[str, float], com
             finer[name] = float(value)
         except ValueError:
             raise RetargetError(f"--shape takes NAME=VALUE with a number, received {text!r}") from None
-    character = human(preset=preset, **shape, **finer)
+    if preset is not None and preset not in PRESETS:
+        raise unknown_name("preset", preset, PRESETS, "the embedded human")
+    character = human(**(PRESETS[preset] if preset else {}) | dict(shape) | finer, name=output.stem)
     clips = []
     if motion is not None:
-        from retarget.motion.library import embedded_motion
+        from retarget.motion.library import PERFORMER, embedded_motion
 
-        clips = [prepare(cast(human()), cast(character))(embedded_motion(motion)).motion]
+        performance = embedded_motion(motion)
+        clips = [prepare(cast(human(**PRESETS[PERFORMER])), cast(character))(performance).motion]
     save(output, character, clips)
-    _, joints = rest_pose(character.skeleton)
     tall = float(character.mesh.vertices[:, 1].max() - character.mesh.vertices[:, 1].min())
-    return {"lines": [f"{output}: {tall:.3f} m tall, {len(character.mesh.vertices)} vertices, {len(joints)} joints"]}
+    return {"lines": [f"{output}: {tall:.3f} m tall, {len(character.mesh.vertices)} vertices, {len(character.skeleton)} joints"]}
 
 
 def list_motions() -> dict[str, Any]:

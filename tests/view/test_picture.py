@@ -393,6 +393,20 @@ def test_a_skeleton_becomes_a_closed_mesh_that_follows_its_joints():
         skeleton_mesh(skeleton, positions[:, :2])
 
 
+def test_end_offsets_are_drawn_where_rotations_tell_where_they_point():
+    still = np.array([[0, 0, 0, 1.0]] * 2)
+    offsets, ends = np.array([[0, 1, 0], [0, 0.2, 0]]), {1: np.array([0, 0.3, 0])}
+    skeleton = Skeleton(("neck", "head"), np.array([-1, 0]), offsets, still, ends)
+    positions = np.array([[[0, 1, 0], [0, 1.2, 0]]])
+    quarter = np.array([[[0, 0, 0, 1], [0, 0, -np.sqrt(0.5), np.sqrt(0.5)]]])  # the head turns a quarter about z
+    short, _ = skeleton_mesh(skeleton, positions)
+    mesh, vertices = skeleton_mesh(skeleton, positions, quarter)
+    assert len(mesh.vertices) == len(short.vertices) + 6
+    assert np.allclose(vertices[0, -1], [0.3, 1.2, 0]) and np.allclose(mesh.vertices[-1], [0, 1.5, 0])
+    with pytest.raises(RetargetError, match="rotations"):
+        skeleton_mesh(skeleton, positions, quarter[:, :1])
+
+
 def test_mistakes_are_explained():
     mesh, vertices = figure()
     broken = walk(vertices)

@@ -94,5 +94,8 @@ FOREIGN = frozenset(
 )
 """Words of limbs that no human has."""
 
+ANIMAL = FOREIGN | frozenset("tail tails mane snout withers horn horns rump croup".split())
+"""Words that, on a body whose trunk lies across its legs, mean an animal."""
+
 METACARPALS = frozenset("metacarpal palm inhand carpal meta".split())
 """Words of the bones between wrist and knuckles."""

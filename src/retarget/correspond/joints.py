@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from retarget.body.rotations import unit
 from retarget.character import Skeleton
 from retarget.correspond import joints_detail as detail
 from retarget.correspond.joints_by_name import NameScores, score_names
@@ -35,10 +36,11 @@ REQUIRED_JOINTS: tuple[str, ...] = (
 )  # fmt: skip
 """The fifteen that VRM requires of every humanoid."""
 
-PLAUSIBLE = 14.0
-"""Shape cost up to which a skeleton is a human whatever its joints are called; the real ones measured lie below 10."""
+PLAUSIBLE = 11.5
+"""Shape cost up to which a skeleton is a human whatever its joints are called: real rigs stay below 9, a chair with arms
+reaches 12.6, a bird 14, dogs and horses 17."""
 PLAUSIBLE_IF_NAMED = 40.0
-"""The same where most of the required joints carry the right names."""
+"""The same where most of the required joints carry the right names (folded or unusual rest poses)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +70,12 @@ def match_humanoid(skeleton: Skeleton) -> Humanoid:
     """
     tree, names = build_tree(skeleton), score_names(skeleton.names)
     readings = bodies(tree, names)
-    if not readings:
-        raise _no_humanoid(skeleton, "no two legs, trunk and two arms were found", REQUIRED_JOINTS)
-    body = readings[0]
-    named = _named_share(names, body, tree.joints)
-    if body.shape_cost > (PLAUSIBLE_IF_NAMED if named > 0.6 else PLAUSIBLE):
-        raise _no_humanoid(skeleton, "its proportions and branches are not those of a human", REQUIRED_JOINTS)
-    _refuse_ambiguity(skeleton, readings)
+    body = readings[0] if readings else None
+    named = _named_share(names, body, tree.joints) if body else 0.0
+    if body is None or body.shape_cost > (PLAUSIBLE_IF_NAMED if named > 0.6 else PLAUSIBLE):
+        return _match_by_names_alone(skeleton, tree, names, body)
+    _refuse_animal(skeleton, names, body.up, body.legs.points(tree, 2) - body.legs.points(tree, 0))
+    _refuse_ambiguity(skeleton, names, readings)
     axes = body_axes(tree, body)
     by_shape, by_names = weigh(left_evidence(tree, body, axes)), name_evidence(names, body)
     verdict = float(np.clip(by_shape, -4.0, 4.0)) + 3.0 * by_names
@@ -93,8 +94,8 @@ def _named_share(names: NameScores, body: Body, joints: int) -> float:
     return float(np.mean(np.array(scores) > 0.45))
 
 
-def _refuse_ambiguity(skeleton: Skeleton, readings: list[Body]) -> None:
-    """A second reading that is as good and uses other limbs means that nothing tells them apart (spiders, centaurs)."""
+def _refuse_ambiguity(skeleton: Skeleton, names: NameScores, readings: list[Body]) -> None:
+    """A second reading that is as good and uses other limbs means that nothing tells them apart (spiders)."""
     best = readings[0]
     for other in readings[1:]:
         if other.cost > best.cost + 1.0:
@@ -102,18 +103,61 @@ def _refuse_ambiguity(skeleton: Skeleton, readings: list[Body]) -> None:
         for kind, mine, theirs in (("legs", best.legs, other.legs), ("arms", best.arms, other.arms)):
             a, b = ({limb.nodes[1] for limb in pair.limbs} for pair in (mine, theirs))
             if not a & b:
-                pair = [skeleton.names[min(limb.nodes)] for limb in mine.limbs + theirs.limbs]
-                raise _no_humanoid(skeleton, f"two pairs of {kind} are equally likely ({', '.join(pair)})", REQUIRED_JOINTS)
+                listed = ", ".join(repr(skeleton.names[limb.nodes[0]]) for limb in mine.limbs + theirs.limbs)
+                raise _no_humanoid(skeleton, names, f"two pairs of {kind} are equally likely ({listed})")
 
 
-def _no_humanoid(skeleton: Skeleton, reason: str, missing: tuple[str, ...]) -> MatchError:
-    example = skeleton.names[min(1, len(skeleton) - 1)]
+def _refuse_animal(skeleton: Skeleton, names: NameScores, up: Array, legs: Array) -> None:
+    """Animals may carry human joint names (Biped cats): their trunk lies across their legs, and they have tails."""
+    across = float((unit(legs) @ up).mean()) > -0.4
+    if across and names.animal.any():
+        tail = skeleton.names[int(names.animal.argmax())]
+        raise _no_humanoid(skeleton, names, f"its trunk lies across its legs and it has {tail!r}: an animal")
+
+
+def _no_humanoid(skeleton: Skeleton, names: NameScores, reason: str) -> MatchError:
+    found = _joints_named(names)
+    missing = tuple(name for name in REQUIRED_JOINTS if name not in found) or REQUIRED_JOINTS
     return MatchError(
-        f"the skeleton of {len(skeleton)} joints matches no humanoid: {reason}; not found: {', '.join(missing[:6])}"
-        f"{', ...' if len(missing) > 6 else ''}; if it is one, name its joints in a map file, for example "
-        f'{missing[0]} = "{example}"',
+        f"the skeleton of {len(skeleton)} joints ({', '.join(skeleton.names[:4])}{', ...' if len(skeleton) > 4 else ''}) "
+        f"matches no humanoid: {reason}; not found: {', '.join(missing)}; if it is one, name its joints in a map file, "
+        f'a line each: {missing[0]} = "name of the joint"',
         missing,
     )
+
+
+# --- names alone --------------------------------------------------------------------------------------------------
+
+
+def _joints_named(names: NameScores) -> dict[str, int]:
+    """For each required joint the one that carries its name best, where one does."""
+    found: dict[str, int] = {}
+    for canonical in REQUIRED_JOINTS:
+        side = 1 if canonical.startswith("left") else -1 if canonical.startswith("right") else 0
+        part = canonical.removeprefix("left").removeprefix("right")
+        score = np.where(names.sides == side, names.parts[part], 0.0)
+        score[list(found.values())] = 0.0
+        if score.max() >= 0.5:
+            found[canonical] = int(score.argmax())
+    return found
+
+
+def _match_by_names_alone(skeleton: Skeleton, tree: Tree, names: NameScores, body: Body | None) -> Humanoid:
+    """What the names say, for skeletons whose branches say nothing (all joints below the root, one arm lost)."""
+    reason = "no trunk with two legs and two arms was found" if body is None else "its proportions are not those of a human"
+    found = _joints_named(names)
+    if len(found) < 12 or names.foreign.any():
+        raise _no_humanoid(skeleton, names, reason)
+    try:
+        human = humanoid_from_names(skeleton, {canonical: skeleton.names[joint] for canonical, joint in found.items()})
+    except MatchError:
+        raise _no_humanoid(skeleton, names, reason) from None
+    at = {name: tree.positions[joint] for name, joint in found.items()}
+    legs = [at[side + "LowerLeg"] - at[side + "UpperLeg"] for side in ("left", "right") if {side + "LowerLeg", side + "UpperLeg"} <= set(at)]
+    if legs:
+        _refuse_animal(skeleton, names, human.axes[1], np.array(legs))
+    confidence = {name: round(0.6 * float(names.parts[name.removeprefix("left").removeprefix("right")][joint]), 3) for name, joint in human.joints.items()}
+    return replace(human, confidence=confidence, evidence="names")
 
 
 # --- from a reading to canonical names ----------------------------------------------------------------------------

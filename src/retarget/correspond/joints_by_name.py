@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from retarget.correspond.aliases import (
     ALIASES,
     AMBIGUOUS,
+    ANIMAL,
     AUXILIARY,
     CENTRAL_PARTS,
     FINGERS,
@@ -45,6 +46,7 @@ class Spelling:
     twist: bool
     foreign: bool
     """It names a limb that no human has."""
+    animal: bool
     metacarpal: bool
     """It names a bone of the palm."""
     last_number: int | None
@@ -61,6 +63,7 @@ class NameScores:
     auxiliary: Bool[Array, "joints"]
     twists: Bool[Array, "joints"]
     foreign: Bool[Array, "joints"]
+    animal: Bool[Array, "joints"]
     metacarpals: Bool[Array, "joints"]
     numbers: Int[Array, "joints"]
     """The last number in each name, -1 where there is none."""
@@ -127,6 +130,7 @@ def spell(name: str, prefix: tuple[str, ...] = ()) -> Spelling:
     kept = core if "".join(core) in _vocabulary() else [word for word in core if word not in NOISE]
     return Spelling(
         "".join(kept or core), side, number, bool(flags & AUXILIARY), bool(flags & TWISTS), bool(flags & FOREIGN),
+        bool(flags & ANIMAL),
         bool(flags & METACARPALS),
         last,
     )
@@ -187,6 +191,7 @@ def score_names(names: tuple[str, ...]) -> NameScores:
         np.array([each.auxiliary for each in spellings]),
         np.array([each.twist for each in spellings]),
         np.array([each.foreign for each in spellings]),
+        np.array([each.animal for each in spellings]),
         np.array([each.metacarpal for each in spellings]),
         np.array([-1 if each.last_number is None else each.last_number for each in spellings]),
     )

@@ -274,7 +274,8 @@ def _decode(path: Path, hierarchy: Hierarchy, frames: _Frames, added: bool) -> M
     placed = np.union1d([0], joints)
     slots = 3 * np.searchsorted(placed, joints) + axes
     base = np.where(added & (joints > 0), skeleton.offsets[joints, axes], 0.0)
-    rotations = np.broadcast_to(rot.IDENTITY, (frames.count, len(skeleton), 4)).copy()
+    rotations = np.empty((frames.count, len(skeleton), 4))
+    rotations[:, list(set(range(len(skeleton))).difference(*(turned for _, turned, _ in groups)))] = rot.IDENTITY
     positions = np.broadcast_to(skeleton.offsets[placed].ravel(), (frames.count, 3 * len(placed))).copy()
     start = 0
     try:

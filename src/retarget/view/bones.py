@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
+from retarget.body import rotations as rot
 from retarget.body.kinematics import rest_pose
 from retarget.character import Material, Mesh, Skeleton
 from retarget.errors import RetargetError
@@ -16,43 +17,54 @@ JOINT = Material("joint", (0.75, 0.25, 0.08, 1.0))
 
 
 def skeleton_mesh(
-    skeleton: Skeleton, world_positions: Shaped[Array, "frames joints 3"]
+    skeleton: Skeleton,
+    world_positions: Shaped[Array, "frames joints 3"],
+    world_rotations: Shaped[Array, "frames joints 4"] | None = None,
 ) -> tuple[Mesh, Float[Array, "frames vertices 3"]]:
     """A mesh that shows a skeleton, and its vertices for joints at these world positions (metres).
 
-    A bone is an octahedron from a joint to its child, thick near the joint; bones without length vanish. Raises
-    `RetargetError` where the positions are of other joints.
+    A bone is an octahedron from a joint to its child, thick near the joint; bones without length vanish. Where the
+    world rotations (quaternions xyzw) are given too, the last bones (`end_offsets`: head, fingertips, toes) are drawn
+    as well. Raises `RetargetError` where positions or rotations are of other joints.
     """
     positions = np.asarray(world_positions, dtype=np.float64)
     if positions.ndim != 3 or positions.shape[1:] != (len(skeleton), 3):
         raise RetargetError(f"positions of shape (frames, {len(skeleton)}, 3) are needed, received {positions.shape}")
-    rest = rest_pose(skeleton)[1]
+    rest_rotations, rest = rest_pose(skeleton)
     child = np.flatnonzero(skeleton.parents >= 0)
-    parent = skeleton.parents[child]
-    lengths = np.linalg.norm(rest[child] - rest[parent], axis=1)
-    radius = _joint_radii(len(skeleton), parent, child, lengths, float(np.ptp(rest, axis=0).max()))
+    start, rest_end, end = skeleton.parents[child], rest[child], positions[:, child]
+    if world_rotations is not None and skeleton.end_offsets:
+        rotations = np.asarray(world_rotations, dtype=np.float64)
+        if rotations.shape != (*positions.shape[:2], 4):
+            raise RetargetError(
+                f"rotations of shape {(*positions.shape[:2], 4)} are needed, received {rotations.shape}"
+            )
+        last = np.array(list(skeleton.end_offsets), dtype=np.int64)
+        offsets = np.array(list(skeleton.end_offsets.values()), dtype=np.float64).reshape(-1, 3)
+        start = np.concatenate([start, last])
+        rest_end = np.concatenate([rest_end, rest[last] + rot.rotate(rest_rotations[last], offsets)])
+        end = np.concatenate([end, positions[:, last] + rot.rotate(rotations[:, last], offsets)], axis=1)
 
+    size = max(float(np.ptp(rest, axis=0).max()), 1e-3)
+    lengths = np.linalg.norm(rest_end - rest[start], axis=1)
+    radius = _joint_radii(len(skeleton), start[: len(child)], child, lengths[: len(child)], size)
+    thickness = np.minimum(np.maximum(1.15 * radius[start], 0.08 * lengths), 0.022 * size)
     ball, ball_faces = _ball()
-    balls = positions[:, :, None] + radius[:, None, None] * ball
-    thickness = np.maximum(1.15 * radius[parent], 0.08 * lengths)
-    bones = _octahedra(positions[:, parent], positions[:, child], thickness)
-    rest_balls = rest[:, None] + radius[:, None, None] * ball
-    rest_bones = _octahedra(rest[None, parent], rest[None, child], thickness)
-    faces = np.concatenate(
-        [
-            (np.arange(len(skeleton))[:, None, None] * len(ball) + ball_faces).reshape(-1, 3),
-            (np.arange(len(child))[:, None, None] * 6 + OCTAHEDRON + len(skeleton) * len(ball)).reshape(-1, 3),
-        ]
-    )
-    split = len(skeleton) * len(ball_faces)
-    mesh = Mesh(
-        np.concatenate([rest_balls.reshape(-1, 3), rest_bones.reshape(-1, 3)]),
-        faces,
-        materials=(JOINT, BONE),
-        face_materials=(np.arange(len(faces)) >= split).astype(np.int64),
-    )
-    frames = len(positions)
-    return mesh, np.concatenate([balls.reshape(frames, -1, 3), bones.reshape(frames, -1, 3)], axis=1)
+    split = len(skeleton) * len(ball)
+    faces = [
+        np.arange(len(skeleton))[:, None, None] * len(ball) + ball_faces,
+        np.arange(len(start))[:, None, None] * 6 + OCTAHEDRON + split,
+    ]
+
+    def surface(joints: Float[Array, "frames joints 3"], ends: Float[Array, "frames bones 3"]) -> Array:
+        balls = joints[:, :, None] + radius[:, None, None] * ball
+        bones = _octahedra(joints[:, start], ends, thickness)
+        return np.concatenate([balls.reshape(len(joints), -1, 3), bones.reshape(len(joints), -1, 3)], axis=1)
+
+    triangles = np.concatenate([each.reshape(-1, 3) for each in faces])
+    material = (triangles[:, 0] >= split).astype(np.int64)
+    mesh = Mesh(surface(rest[None], rest_end[None])[0], triangles, materials=(JOINT, BONE), face_materials=material)
+    return mesh, surface(positions, end)
 
 
 OCTAHEDRON = np.array([[0, 1 + k, 1 + (k + 1) % 4] for k in range(4)] + [[5, 1 + (k + 1) % 4, 1 + k] for k in range(4)])
@@ -83,7 +95,7 @@ def _joint_radii(
     long = lengths > 1e-4 * size
     np.minimum.at(shortest, parent[long], lengths[long])
     np.minimum.at(shortest, child[long], lengths[long])
-    return np.minimum(0.014 * max(size, 1e-3), 0.25 * shortest)
+    return np.minimum(0.014 * size, 0.25 * shortest)
 
 
 def _ball() -> tuple[Float[Array, "vertices 3"], Int[Array, "faces 3"]]:

@@ -81,7 +81,7 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def _embedded_cases(quick: bool) -> Iterator[Case]:
-    source = cast(human(preset=PERFORMER))
+    source = cast(human(**PRESETS[PERFORMER]))
     bodies = [name for name in PRESETS if name != PERFORMER]
     clips = motion_names()
     if quick:
@@ -94,7 +94,7 @@ def _embedded_cases(quick: bool) -> Iterator[Case]:
     }
     for number, name in enumerate(bodies):
         label, change = list(variants.items())[number % len(variants)]
-        target = cast(change(human(preset=name)))
+        target = cast(change(human(**PRESETS[name])))
         for clip in clips:
             yield Case(clip, name + label, split_of(name, SEEN_BODIES), source, target, embedded_motion(clip))
 
@@ -105,7 +105,7 @@ def _real_cases(quick: bool) -> Iterator[Case]:
         return
     targets = [(path.stem, _try_cast(path)) for path in real_files(".glb", ".gltf") if "characters" in path.parts]
     targets = [(name, actor) for name, actor in targets if actor is not None and actor.character.skin is not None]
-    targets.append(("heavy", cast(human(preset="heavy"))))
+    targets.append(("heavy", cast(human(**PRESETS["heavy"]))))
     sources = [path for path in real_files(".bvh") if "motions" in path.parts]
     for number, path in enumerate(sources[::6] if quick else sources):
         asset = load(path)
@@ -195,9 +195,9 @@ def _smoothness(case: Case, held: Result) -> dict[str, float | None]:
 
 def round_trip_mm(quick: bool) -> float:
     """Largest joint displacement after writing a clip and reading it back, as BVH, as a new GLB and appended to one."""
-    body = human(preset="heavy")
+    body = human(**PRESETS["heavy"])
     written: list[tuple[Character, Motion]] = []
-    source, target = cast(human(preset=PERFORMER)), cast(body)
+    source, target = cast(human(**PRESETS[PERFORMER])), cast(body)
     production = prepare(source, target)
     for name in motion_names()[:2] if quick else motion_names():
         written.append((body, production.retargeter(embedded_motion(name)).motion))
@@ -226,7 +226,7 @@ def two_skeletons_cm() -> float | None:
     pair = [folder / "motions" / kind / "01_01.bvh" for kind in ("cmu_daz", "cmu_cgspeed")] if folder else []
     if not pair or not all(path.exists() for path in pair):
         return None
-    target, results = cast(human(preset=PERFORMER)), []
+    target, results = cast(human(**PRESETS[PERFORMER])), []
     for path in pair:
         asset = load(path)
         motion = asset.motion()
@@ -260,7 +260,7 @@ def timings(quick: bool) -> dict[str, float | None]:
         source, target = cast(asset, motion=motion), cast(load(knight))
         motion = source.house_from_file.motion(motion)
     else:
-        source, target = cast(human(preset=PERFORMER)), cast(human(preset="heavy"))
+        source, target = cast(human(**PRESETS[PERFORMER])), cast(human(**PRESETS["heavy"]))
         motion = embedded_motion(motion_names()[0])
         motion = replace(
             motion, rotations=np.tile(motion.rotations, (20, 1, 1)), translations=np.tile(motion.translations, (20, 1, 1))
