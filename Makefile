@@ -12,12 +12,11 @@ setup: $(VENV)/.ready
 $(VENV)/.ready: pyproject.toml requirements-test.txt
 	@echo "setting up $(VENV) (once)"
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-test.txt
-	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-test.txt --editable '.[test]'
 	@touch $@
 
 demo: setup
-	@$(BIN)/retarget demo --out out/demo
+	@$(BIN)/python examples/demo.py out/demo
 
 test: setup
 	@$(BIN)/python -m pytest -n 2

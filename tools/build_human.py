@@ -78,7 +78,7 @@ def build(path: Path) -> dict[str, np.ndarray]:
         "detail_names": np.array(columns),
         "joint_names": np.array(joint_names), "parents": np.array(parents, dtype=np.int16),
         "ends": np.array([end[0] for end in ends], dtype=np.int16),
-        "skin_joints": top.astype(np.uint8), "skin_weights": np.take_along_axis(light_weights, top, axis=1).astype(np.float32),
+        "skin_columns": top.astype(np.uint8), "skin_weights": np.take_along_axis(light_weights, top, axis=1).astype(np.float32),
         "source_sha256": np.array(source.digest()), "source_files": np.array(len(source.hashes)),
     } | places  # fmt: skip
     arrays |= quantised("macro_basis", basis)
@@ -184,7 +184,7 @@ def name_places(
         "landmark_names": np.array(list(marks)), "landmark_vertices": np.array(list(marks.values()), dtype=np.uint16),
         "material_names": np.array(list(regions.MATERIALS)), "material_colors": np.array(list(regions.MATERIALS.values())),
         "face_materials": materials.astype(np.uint8),
-        "uvs": np.round(skin.uvs * 65535).astype(np.uint16), "face_uvs": skin.face_uvs.astype(np.uint16),
+        "uvs": np.round((skin.uvs * [1, -1] + [0, 1]) * 65535).astype(np.uint16), "face_uvs": skin.face_uvs.astype(np.uint16),
         "texture_png": np.frombuffer(image, dtype=np.uint8),
     }  # fmt: skip
 

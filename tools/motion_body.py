@@ -78,15 +78,18 @@ class Performer:
         shape = (len(self.vertices), len(self.names))
         self.weights = sparse.csr_matrix((skin.weights.ravel(), (rows, skin.joints[skin.columns].ravel())), shape=shape)
         self.homogeneous = np.concatenate([self.vertices, np.ones((len(self.vertices), 1))], axis=1)
+        self.palms = {}
+        """Side: the direction that the palm faces at rest."""
         self.arms = {side: self._arm(side) for side in SIDES}
         self.legs = {side: self._leg(side) for side in SIDES}
+        self.marks = dict(model.landmarks) | {name: v for side in SIDES for name, v in self._hand_marks(side).items()}
 
     def place(self, name: str) -> Array:
         """Rest position of a joint."""
         return self.rest[self.joint[name]]
 
     def landmark(self, name: str) -> int:
-        return self.model.landmark(name)
+        return self.marks[name]
 
     def part(self, *names: str) -> Array:
         """Vertices of some body parts."""
@@ -120,6 +123,45 @@ class Performer:
         blended = (self.weights[chosen] @ flat).reshape(len(chosen), len(matrices), 3, 4)
         return np.einsum("vbij,vj->bvi", blended, self.homogeneous[chosen])
 
+    def _hand_marks(self, side: str) -> dict[str, int]:
+        """Vertices of palm and finger pads that touch things, by names like those of the model's landmarks."""
+        at = lambda name: self.place(side + name)  # noqa: E731
+        palm, along = self.palms[side], rot.unit(at("MiddleProximal") - at("Hand"))
+        hand = np.isin(np.arange(len(self.vertices)), self.part(side + "Hand", side + "Forearm"))
+        out = {}
+
+        def mark(name: str, start: Array, direction: Array, mask: Array) -> None:
+            offset = self.vertices - start
+            ahead = offset @ direction
+            beside = np.linalg.norm(offset - ahead[:, None] * direction, axis=1)
+            out[side + name] = int(np.where(mask & (ahead > 0), beside, np.inf).argmin())
+
+        index, little, middle = at("IndexProximal"), at("LittleProximal"), at("MiddleProximal")
+        centre = 0.4 * at("Hand") + 0.6 * (index + little + middle) / 3
+        mark("Palm", centre, palm, hand)
+        mark("BackOfHand", centre, -palm, hand)
+        mark("PalmHeel", 0.8 * at("Hand") + 0.2 * little, palm, hand)
+        mark("ThumbBase", 0.5 * (at("ThumbMetacarpal") + at("ThumbProximal")), palm, hand)
+        mark("IndexBase", index - 0.006 * along, palm, hand)
+        mark("LittleBase", little - 0.006 * along, palm, hand)
+        mark("MiddleBase", middle - 0.006 * along, palm, hand)
+        mark("WristInside", at("Hand"), palm, hand)
+        mark("WristOutside", at("Hand"), -palm, hand)
+        for share, name in ((0.35, "Upper"), (0.6, ""), (0.85, "Lower")):
+            point = at("LowerArm") + share * (at("Hand") - at("LowerArm"))
+            mark(f"Forearm{name}Inside", point, palm, hand)
+            mark(f"Forearm{name}Outside", point, -palm, hand)
+        for finger in ("Thumb", *FINGERS):
+            for name, bone in zip(("Near", "Mid", "Pad"), self._phalanges(side, finger), strict=True):
+                joint = side + bone[0]
+                mine = self.weight(joint) > 0.5
+                if mine.any() and not (finger == "Thumb" and name == "Near"):
+                    facing = palm - (palm @ rot.unit(bone[1])) * rot.unit(bone[1])
+                    if finger == "Thumb":
+                        facing = np.cross(self.arms[side].thumb["curl"], rot.unit(bone[1]))
+                    mark(finger + name, self.place(joint) + 0.55 * bone[1], rot.unit(facing), mine)
+        return out
+
     def _arm(self, side: str) -> ArmAxes:
         at = lambda name: self.place(side + name)  # noqa: E731
         upper, forearm = rot.unit(at("LowerArm") - at("UpperArm")), rot.unit(at("Hand") - at("LowerArm"))
@@ -128,7 +170,7 @@ class Performer:
         along = rot.unit(at("MiddleProximal") - at("Hand"))
         across = at("IndexProximal") - at("LittleProximal")
         across = rot.unit(across - (across @ along) * along)
-        palm = -SIGN[side] * np.cross(across, along)
+        palm = self.palms[side] = -SIGN[side] * np.cross(across, along)
         medial = SIGN[side] * elbow  # where the palm looks when it faces the thigh
         facing = palm - (palm @ forearm) * forearm
         pronated = SIGN[side] * np.arctan2(np.cross(medial, facing) @ forearm, medial @ facing)

@@ -11,10 +11,10 @@ factors gender, age, muscle, weight, height and proportions, each factor linear 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -28,8 +28,8 @@ PARAMETERS: dict[str, tuple[float, float, float]] = {
     # name: (lowest, neutral, highest)
     "gender": (0.0, 0.5, 1.0),  # 0 female, 1 male
     "age": (0.0, 0.5, 1.0),  # 0 one year, 0.1875 twelve, 0.5 twenty-five, 1 ninety
-    "muscle": (0.0, 0.5, 1.25),
-    "weight": (0.0, 0.5, 1.5),  # beyond 1, MakeHuman's heaviest, the line is continued
+    "muscle": (0.0, 0.5, 1.0),
+    "weight": (0.0, 0.5, 2.0),  # beyond 1, MakeHuman's heaviest, the line is continued
     "proportions": (0.0, 0.5, 1.0),  # 0 uncommon, 1 ideal
 }
 HEIGHT = (0.4, 3.0)
@@ -60,6 +60,26 @@ PRESETS: dict[str, dict[str, float]] = {
 
 
 @dataclass(frozen=True, eq=False)
+class ShapeSpace:
+    """How shapes are made: offsets of the left half and the midline; the right half mirrors them."""
+
+    base: Float[Array, "half 3"]
+    """MakeHuman's base mesh, metres."""
+    macro: dict[str, Float[Array, "rank"]]
+    """Coefficients of each macro target, by its MakeHuman name."""
+    basis: Float[Array, "rank half*3"]
+    """What the coefficients multiply (all targets agree with MakeHuman's to 0.05 mm)."""
+    detail: dict[str, int]
+    """Row of each finer component at -1 (`waist-`) and at +1 (`waist+`)."""
+    detail_rows: Int[Array, "details half*3"]
+    detail_scale: Float[Array, "details"]
+    regressor: Float[Array, "points vertices"]
+    """Joints, then ends of bones, from a whole surface: not negative, rows sum to one."""
+    ends: tuple[int, ...]
+    """The joints whose bone ends the last rows of `regressor` give."""
+
+
+@dataclass(frozen=True, eq=False)
 class HumanModel:
     """What all embedded bodies share. Vertices come left, middle, right; `human_model()` loads it."""
 
@@ -86,10 +106,15 @@ class HumanModel:
     """Finer shape components; each takes a value in [-1, 1]."""
     materials: tuple[Material, ...]
     face_materials: Int[Array, "faces"]
+    uvs: Float[Array, "corners 2"]
+    """Texture corners, origin top left; charts have seams, so one vertex can have several."""
+    face_uvs: Int[Array, "faces 3"]
+    """The three texture corners of each face."""
+    texture: bytes
+    """PNG that goes with `uvs`: skin, hair, T-shirt and shorts."""
     source: str
-    """SHA-256 over the MakeHuman files the data was built from."""
-    data: Any
-    """The shape space, as `human.npz` stores it."""
+    """SHA-256 over the names and hashes of the MakeHuman files the data was built from."""
+    shape: ShapeSpace
 
     def part_vertices(self, name: str) -> Int[Array, "_"]:
         """Vertices of one body part. Raises `RetargetError` for an unknown name."""
@@ -105,7 +130,7 @@ class HumanModel:
 
     def joints(self, vertices: Float[Array, "*batch vertices 3"]) -> Float[Array, "*batch joints 3"]:
         """Joint positions of a rest surface: a fixed non-negative average of nearby vertices."""
-        return (self.data["regressor"] @ vertices)[..., : len(self.joint_names), :]
+        return (self.shape.regressor @ vertices)[..., : len(self.joint_names), :]
 
 
 @lru_cache(maxsize=1)
@@ -113,39 +138,37 @@ def human_model() -> HumanModel:
     """The topology, parts, landmarks and shape space, read once."""
     with np.load(Path(__file__).with_name("human.npz")) as archive:
         stored = {name: archive[name] for name in archive.files}
+    integers = {name: stored[name].astype(np.int64) for name in _INTEGER_FIELDS}
     names = {key: tuple(stored[f"{key}_names"].tolist()) for key in ("joint", "part", "landmark", "detail", "material", "macro")}
-    ends = np.cumsum(stored["seam_lengths"])[:-1]
-    loops = np.split(stored["seam_vertices"].astype(np.int64), ends)
     pairs = [(names["part"][a], names["part"][b]) for a, b in stored["seam_parts"].tolist()]
-    data = {
-        "base": stored["base"],
-        "macro": {name: row for name, row in zip(names["macro"], stored["macro_coefficients"], strict=True)},
-        "basis": stored["macro_basis"].astype(np.float32) * stored["macro_basis_scale"][:, None].astype(np.float32),
-        "detail": {name: i for i, name in enumerate(names["detail"])},
-        "detail_rows": (stored["detail"], stored["detail_scale"]),
-        "regressor": _dense_rows(stored),
-        "ends": stored["ends"].tolist(),
-    }
+    loops = np.split(stored["seam_vertices"].astype(np.int64), np.cumsum(stored["seam_lengths"])[:-1])
+    colors = stored["material_colors"].tolist()
     return HumanModel(
-        faces=stored["faces"].astype(np.int64),
-        mirror=stored["mirror"].astype(np.int64),
+        **integers,
         joint_names=names["joint"],
-        parents=stored["parents"].astype(np.int64),
-        skin_columns=stored["skin_joints"].astype(np.int64),
         skin_weights=stored["skin_weights"].astype(np.float64),
         part_names=names["part"],
-        vertex_parts=stored["vertex_parts"].astype(np.int64),
-        face_parts=stored["face_parts"].astype(np.int64),
         seams=dict(zip(pairs, loops, strict=True)),
         landmarks=dict(zip(names["landmark"], stored["landmark_vertices"].tolist(), strict=True)),
         detail_names=tuple(dict.fromkeys(name[:-1] for name in names["detail"])),
-        materials=tuple(
-            Material(name, (*color, 1.0)) for name, color in zip(names["material"], stored["material_colors"].tolist(), strict=True)
-        ),
-        face_materials=stored["face_materials"].astype(np.int64),
+        materials=tuple(Material(name, (*color, 1.0)) for name, color in zip(names["material"], colors, strict=True)),
+        uvs=stored["uvs"] / 65535.0,
+        texture=stored["texture_png"].tobytes(),
         source=str(stored["source_sha256"]),
-        data=data,
-    )  # fmt: skip
+        shape=ShapeSpace(
+            base=stored["base"].astype(np.float64),
+            macro=dict(zip(names["macro"], stored["macro_coefficients"], strict=True)),
+            basis=stored["macro_basis"] * stored["macro_basis_scale"].astype(np.float32)[:, None],
+            detail={name: row for row, name in enumerate(names["detail"])},
+            detail_rows=stored["detail"],
+            detail_scale=stored["detail_scale"],
+            regressor=_dense_rows(stored),
+            ends=tuple(stored["ends"].tolist()),
+        ),
+    )
+
+
+_INTEGER_FIELDS = ("faces", "mirror", "parents", "skin_columns", "vertex_parts", "face_parts", "face_materials", "face_uvs")
 
 
 def _dense_rows(stored: dict[str, Array]) -> Float[Array, "points vertices"]:
@@ -168,10 +191,10 @@ def human(*, height: float | None = None, name: str = "", **shape: float) -> Cha
     """
     model = human_model()
     vertices = human_vertices(height=height, **shape)
-    points = model.data["regressor"] @ vertices
+    points = model.shape.regressor @ vertices
     joints = points[: len(model.joint_names)]
     offsets = joints - np.where(model.parents[:, None] >= 0, joints[model.parents], 0.0)
-    ends = {joint: points[len(joints) + i] - joints[joint] for i, joint in enumerate(model.data["ends"])}
+    ends = {joint: points[len(joints) + i] - joints[joint] for i, joint in enumerate(model.shape.ends)}
     identity = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(joints), 4))
     skeleton = Skeleton(model.joint_names, model.parents, offsets, identity, ends)
     inverse_binds = np.broadcast_to(np.eye(4), (len(joints), 4, 4)).copy()
@@ -181,18 +204,37 @@ def human(*, height: float | None = None, name: str = "", **shape: float) -> Cha
     return Character(skeleton, mesh, skin, name or "human")
 
 
+def textured(character: Character) -> Character:
+    """The same character for the embedded texture: one material, vertices doubled where the texture's charts part.
+
+    Takes any character on the embedded topology; the result has more vertices and is closed no longer, so use it to
+    show and to export, not to measure. Raises `RetargetError` for a character on another topology.
+    """
+    model = human_model()
+    if character.mesh is None or character.mesh.faces.shape != model.faces.shape or (character.mesh.faces != model.faces).any():
+        raise RetargetError(f"{character.name or 'the character'} is not on the embedded human's topology, so its texture does not fit")
+    pairs = np.stack([model.faces.ravel(), model.face_uvs.ravel()], axis=1)
+    kept, corner = np.unique(pairs, axis=0, return_inverse=True)
+    vertex = kept[:, 0]
+    faces = corner.reshape(-1, 3)
+    skin = replace(character.skin, columns=character.skin.columns[vertex], weights=character.skin.weights[vertex])
+    material = Material("human", (1.0, 1.0, 1.0, 1.0), image=model.texture)
+    mesh = Mesh(character.mesh.vertices[vertex], faces, uvs=model.uvs[kept[:, 1]], materials=(material,))
+    return replace(character, mesh=mesh, skin=skin)
+
+
 def human_vertices(*, height: float | None = None, **shape: float) -> Float[Array, "vertices 3"]:
     """The rest surface alone (metres), where no skeleton is needed. Parameters and errors as in `human`."""
     model = human_model()
     _check(model, height, shape)
     still, taller, shorter = _shape_offsets(model, shape)
-    half = model.data["base"].reshape(-1).astype(np.float64) + still
+    half = model.shape.base.ravel() + still
     if height is not None:
         half = half + _height_offset(half, taller, shorter, height)
     vertices = _unfold(model, half.reshape(-1, 3))
     low, high = vertices[:, 1].min(), vertices[:, 1].max()
     scale = 1.0 if height is None else height / (high - low)
-    hips = model.data["regressor"][0] @ vertices
+    hips = model.shape.regressor[0] @ vertices
     return (vertices - [0.0, low, hips[2]]) * scale
 
 
@@ -208,41 +250,41 @@ def _check(model: HumanModel, height: float | None, shape: dict[str, float]) -> 
             raise RetargetError(f"shape parameter {name!r} must be a number from {low:g} to {high:g}{unit}, received {value!r}")
 
 
-def _levels(parameter: str, value: float) -> dict[str, float]:
-    """Weights of the two named levels around a value; they sum to one, and go on linearly beyond the last level."""
+def _levels(parameter: str, value: float) -> list[tuple[str, float]]:
+    """The two named levels around a value and their weights, which sum to one."""
     scale = LEVELS[parameter]
     i = min(max(k for k, (at, _) in enumerate(scale) if at <= value), len(scale) - 2)
     (low, below), (high, above) = scale[i : i + 2]
-    t = (value - low) / (high - low)
-    return {below: 1.0 - t, above: t}
+    share = (value - low) / (high - low)
+    return [(below, 1.0 - share), (above, share)]
 
 
 def _shape_offsets(model: HumanModel, shape: dict[str, float]) -> tuple[Array, Array, Array]:
     """Offsets of the left half: of the shape at middling height, and what full and no height add to it."""
     value = {name: float(shape.get(name, neutral)) for name, (_, neutral, _) in PARAMETERS.items()}
-    table = model.data["macro"]
-    none = np.zeros(len(model.data["basis"]))
+    table, none = model.shape.macro, np.zeros(len(model.shape.basis))
     still, taller, shorter = none.copy(), none.copy(), none.copy()
     proportion = 2.0 * value["proportions"] - 1.0
     figure = "idealproportions" if proportion > 0 else "uncommonproportions"
-    for gender, g in _levels("gender", value["gender"]).items():
-        for age, a in _levels("age", value["age"]).items():
-            still += g * a * table[f"{gender}-{age}"]
-            for muscle, m in _levels("muscle", value["muscle"]).items():
-                for weight, w in _levels("weight", value["weight"]).items():
-                    kind, product = f"{gender}-{age}-{muscle}-{weight}", g * a * m * w
-                    still += product * table.get(kind, none)
-                    still += product * abs(proportion) * table.get(f"{kind}-{figure}", none)
-                    taller += product * table.get(f"{kind}-maxheight", none)
-                    shorter += product * table.get(f"{kind}-minheight", none)
-    offsets = np.stack([still, taller, shorter]).astype(np.float32) @ model.data["basis"]
-    rows, scales = model.data["detail_rows"]
-    fine = offsets[0].astype(np.float64)
+    excess = max(value["weight"] - 1.0, 0.0) / 0.5  # in steps from average to the heaviest
+    for (gender, g), (age, a) in product(_levels("gender", value["gender"]), _levels("age", value["age"])):
+        still += g * a * table[f"{gender}-{age}"]
+        for (muscle, m), (weight, w) in product(_levels("muscle", value["muscle"]), _levels("weight", min(value["weight"], 1.0))):
+            kind, share = f"{gender}-{age}-{muscle}-{weight}", g * a * m * w
+            still += share * table.get(kind, none)
+            still += share * abs(proportion) * table.get(f"{kind}-{figure}", none)
+            taller += share * table.get(f"{kind}-maxheight", none)
+            shorter += share * table.get(f"{kind}-minheight", none)
+        # Only the gain of an averagely muscular body goes on: at little muscle the folds of the belly would cross.
+        average = f"{gender}-{age}-averagemuscle"
+        still += g * a * excess * (table.get(f"{average}-maxweight", none) - table.get(f"{average}-averageweight", none))
+    offsets = np.stack([still, taller, shorter]).astype(np.float32) @ model.shape.basis
+    still, taller, shorter = offsets.astype(np.float64)
     for name, amount in shape.items():
         if name not in PARAMETERS and amount:
-            row = model.data["detail"][name + ("+" if amount > 0 else "-")]
-            fine += rows[row] * (scales[row] * abs(amount))
-    return fine, offsets[1].astype(np.float64), offsets[2].astype(np.float64)
+            row = model.shape.detail[name + ("+" if amount > 0 else "-")]
+            still += model.shape.detail_rows[row] * (model.shape.detail_scale[row] * abs(amount))
+    return still, taller, shorter
 
 
 def _height_offset(half: Array, taller: Array, shorter: Array, height: float) -> Array:

@@ -56,8 +56,9 @@ def save(
         _repair(draft, origin)
     if motions:
         _free_nodes(draft, rig, path)
-    for motion in motions:
-        append_motion(draft, rig, motion)
+        held = _held_channels(draft, rig, motions)
+        for motion in motions:
+            append_motion(draft, rig, motion, held)
     draft.json["asset"]["generator"] = "retarget"
     write_files(draft.glb(path) if path.suffix.lower() == ".glb" else draft.gltf(path))
 
@@ -73,21 +74,28 @@ def _check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:
 
 
 def _repair(draft: Draft, origin: GltfOrigin) -> None:
-    """Point skins and primitives whose data was faulty to mended data; the faulty bytes stay where they are, unused."""
+    """Give skins and primitives whose data was faulty mended data, behind everything else.
+
+    The faulty bytes stay where they are; the accessors that showed them show the mended data too.
+    """
+    accessors = draft.json.get("accessors", [])
     for number, inverse_binds in origin.binds.items():
-        matrices = add_matrices(draft, inverse_binds)
-        draft.json["skins"][number] = {**draft.json["skins"][number], "inverseBindMatrices": matrices}
+        skin, matrices = draft.json["skins"][number], add_matrices(draft, inverse_binds)
+        accessors[skin["inverseBindMatrices"]] = accessors[matrices]
+        draft.json["skins"][number] = {**skin, "inverseBindMatrices": matrices}
     mended = {key: add_influences(draft, each.joints, each.weights) for key, each in origin.influences.items()}
     for number, mesh in enumerate(draft.json.get("meshes", ())):
-        primitives = []
-        for primitive in mesh["primitives"]:
-            attributes = primitive["attributes"]
-            key = attributes.get("JOINTS_0"), attributes.get("WEIGHTS_0")
-            if key in mended:
-                kept = {k: v for k, v in attributes.items() if not k.startswith(("JOINTS_", "WEIGHTS_"))}
-                primitive = {**primitive, "attributes": {**kept, **mended[key]}}
-            primitives.append(primitive)
-        if primitives != mesh["primitives"]:
+        primitives = list(mesh["primitives"])
+        for position, primitive in enumerate(primitives):
+            old = primitive["attributes"]
+            new = mended.get((old.get("JOINTS_0"), old.get("WEIGHTS_0")))
+            if new is None:
+                continue
+            for name in [name for name in old if name.startswith(("JOINTS_", "WEIGHTS_"))]:
+                accessors[old[name]] = accessors[new.get(name, new[name.partition("_")[0] + "_0"])]
+            kept = {name: value for name, value in old.items() if not name.startswith(("JOINTS_", "WEIGHTS_"))}
+            primitives[position] = {**primitive, "attributes": {**kept, **new}}
+        if mended:
             draft.json["meshes"][number] = {**mesh, "primitives": primitives}
 
 
@@ -108,13 +116,31 @@ def _free_nodes(draft: Draft, rig: Rig, path: Path) -> None:
         draft.json["nodes"][number] = {**kept, **own}
 
 
-def append_motion(draft: Draft, rig: Rig, motion: Motion) -> None:
-    """Add one animation: rotations of all joints, positions of those that leave their node's place."""
-    positions = local_positions(motion.skeleton, motion.translations, motion.moved)
+def _held_channels(draft: Draft, rig: Rig, motions: Sequence[Motion]) -> set[tuple[int, str]]:
+    """Node and path of all channels that a new clip must set.
+
+    Besides the joints that a motion moves, these are the channels of all other clips in the file: where players go from
+    one clip to the next, what the next does not set stays as it was (Blender).
+    """
+    joints = set(rig.nodes.tolist())
+    held = {
+        (channel["target"]["node"], channel["target"]["path"])
+        for animation in draft.json.get("animations", ())
+        for channel in animation["channels"]
+        if channel["target"].get("node") in joints
+    }
     at_rest, _ = rig.to_skeleton(rig.translations, rig.rotations)
-    size = max(float(np.abs(at_rest).sum(axis=0).max()), 1e-9)
-    placed = np.abs(positions - at_rest).max(axis=(0, 2)) > 5e-7 * size
-    placed[list(motion.moved)] = True
+    size = max(float(np.ptp(at_rest, axis=0).max()), 1e-9)
+    for motion in motions:
+        positions = local_positions(motion.skeleton, motion.translations, motion.moved)
+        away = np.abs(positions - at_rest).max(axis=(0, 2)) > 5e-7 * size
+        held |= {(int(rig.nodes[joint]), "translation") for joint in (*np.flatnonzero(away), *motion.moved)}
+    return held
+
+
+def append_motion(draft: Draft, rig: Rig, motion: Motion, held: set[tuple[int, str]]) -> None:
+    """Add one animation: rotations of all joints, positions and scales of those in `held`."""
+    positions = local_positions(motion.skeleton, motion.translations, motion.moved)
     translations, rotations = rig.to_nodes(positions, motion.rotations)
     rotations = rot.continuous(rot.normalise(rotations)).astype(np.float32)
     translations = translations.astype(np.float32)
@@ -122,9 +148,13 @@ def append_motion(draft: Draft, rig: Rig, motion: Motion) -> None:
     for joint, node in enumerate(rig.nodes.tolist()):
         values.append(rotations[:, joint])
         targets.append({"node": node, "path": "rotation"})
-        if placed[joint]:
+        if (node, "translation") in held:
             values.append(translations[:, joint])
             targets.append({"node": node, "path": "translation"})
+        if (node, "scale") in held:
+            scale = np.array(draft.json["nodes"][node].get("scale", (1, 1, 1)), np.float32)
+            values.append(np.tile(scale, (len(motion), 1)))
+            targets.append({"node": node, "path": "scale"})
     # A channel that stands still needs its first and last key only; both lists of key times are shared.
     still = [len(each) > 2 and bool((each == each[0]).all()) for each in values]
     times = (np.arange(len(motion)) / motion.fps).astype(np.float32)[:, None]

@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from retarget.body.kinematics import forward, local_positions, local_rotations, rest_pose, world_pose
 from retarget.body import rotations as rot
+from retarget.body.kinematics import forward, local_positions, local_rotations, rest_pose, world_pose
 from retarget.character import Motion, Pose
 from retarget.contact.ground import GroundContacts, ground_contacts
 from retarget.contact.support import SupportLimb, descendants, leg_length, support_limbs, support_points
@@ -24,6 +24,7 @@ from retarget.motion.align import Actor, same_skeleton
 from retarget.motion.anatomy import bend_directions
 from retarget.motion.copy import CopyPlan, complete, copy_rotations, plan_copy, positions_of
 from retarget.motion.foot_lock import body_lift, hip_drop, limb_goal, reach_goals
+from retarget.motion.limits import Limit, ease_into_limits, joint_limits
 
 Array = np.ndarray
 
@@ -41,6 +42,8 @@ class CopyRotations(Method):
 
     foot_lock: bool = True
     """Hold feet and hands that rest on the ground in the source."""
+    limits: bool = True
+    """Ease rotations that no body can do into soft joint limits."""
     in_place: bool = False
     """Drop the horizontal path: the body stays where its first frame stands."""
 
@@ -56,7 +59,8 @@ class CopyRotations(Method):
         plan = plan_copy(source, target, soles[source], soles[target])
         # A body that stands on its own ground keeps it; one whose file has its origin at the hips gets the world's.
         floor = soles[target] if abs(soles[target]) < 0.25 * plan.target_hip_height else 0.0
-        return PreparedCopy(self, source, target, plan, limbs[source], limbs[target], floor)
+        limits = joint_limits(target) if self.limits else ()
+        return PreparedCopy(self, source, target, plan, limbs[source], limbs[target], limits, floor)
 
 
 def _sole_height(actor: Actor, limbs: tuple[SupportLimb, ...]) -> float:
@@ -75,6 +79,7 @@ class PreparedCopy(Retargeter):
     plan: CopyPlan
     source_limbs: tuple[SupportLimb, ...]
     target_limbs: tuple[SupportLimb, ...]
+    limits: tuple[Limit, ...]
     floor: float
     """Height of the target's floor, metres."""
 
@@ -135,6 +140,8 @@ class PreparedCopy(Retargeter):
         """World rotations of the target, and where its hips go: the middle of the hip sockets follows the scaled path."""
         plan = self.plan
         world = copy_rotations(plan, rotations)
+        if self.limits and ease_into_limits(self.limits, world):
+            complete(plan, world)
         sockets = positions[:, plan.source_sockets].mean(axis=1) - [0, source_floor, 0]
         sockets = sockets * plan.scale
         # Ankle heights do not scale with leg length: shift by the difference, fading out for a body near the ground.

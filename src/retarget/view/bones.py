@@ -19,7 +19,7 @@ JOINT = Material("joint", (0.75, 0.25, 0.08, 1.0))
 def skeleton_mesh(
     skeleton: Skeleton,
     world_positions: Shaped[Array, "frames joints 3"],
-    world_rotations: Shaped[Array, "frames joints 4"] | None = None,
+    world_rotations: Shaped[Array, "_ _ 4"] | None = None,
 ) -> tuple[Mesh, Float[Array, "frames vertices 3"]]:
     """A mesh that shows a skeleton, and its vertices for joints at these world positions (metres).
 

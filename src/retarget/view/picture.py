@@ -74,6 +74,7 @@ def sheet(
     columns: int | None = None,
     view: str | float = "three-quarter",
     title: str = "",
+    samples: int = 2,
 ) -> UInt8[Array, "height width 3"]:
     """A picture with a row for every body and its frames side by side.
 
@@ -83,7 +84,8 @@ def sheet(
     its left). Every row keeps one scale; rows whose bodies differ by less than three times share it, so that a child
     looks smaller than an adult. The camera follows the body along the ground but not upwards, so that jumps are seen.
     The ground is y = 0, unless a body's lowest point over all its frames lies more than an eighth of its size below
-    that or more than its half above: then the ground is drawn at that point and the label says so.
+    that or more than its half above: then the ground is drawn at that point and the label says so. Edges are smoothed
+    over `samples` x `samples` points a pixel; 3 looks better still and takes half as long again.
 
     Raises `RetargetError` for an unknown view and for sheets without rows or beyond 200 million pixels.
     """
@@ -102,7 +104,7 @@ def sheet(
     for number, (row, surface, framing) in enumerate(zip(rows, surfaces, frames, strict=True)):
         for k, vertices in enumerate(row.vertices):
             x, y = plan.cell(number, k)
-            cell = render(surface, vertices, framing.camera(k), plan.cell_width, framing.height, framing.floor)
+            cell = render(surface, vertices, framing.camera(k), plan.cell_width, framing.height, framing.floor, samples)
             canvas[y : y + framing.height, x : x + plan.cell_width] = cell
     return plan.write(canvas)
 

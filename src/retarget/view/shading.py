@@ -29,7 +29,7 @@ def render(
     width: int = 512,
     height: int = 512,
     floor: float | None = 0.0,
-    samples: int = 3,
+    samples: int = 2,
 ) -> UInt8[Array, "height width 3"]:
     """One picture of a mesh whose vertices (metres) are here.
 
