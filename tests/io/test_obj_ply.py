@@ -168,15 +168,16 @@ OBJ_REJECTED = {
     "no vertex": (lambda text: "o nothing\n", "holds no vertex"),
     "binary": (lambda text: bytes(range(128, 256)) * 10, "line 1: .* is no word of an OBJ file"),
     "another format": (lambda text: "glTF" + text[1:], "line 1: 'glTF' is no word"),
-    "short vertex": (swap("v 0 1 0", "v 0 1"), "line 7: a vertex takes three finite numbers, received '0 1'"),
-    "nan vertex": (swap("v 0 1 0", "v 0 nan 0"), "line 7: a vertex takes three finite numbers"),
-    "huge vertex": (swap("v 0 1 0", "v 0 1e99 0"), "line 7: a vertex takes three finite numbers"),
-    "words": (swap("vt 0 1", "vt a b"), "line 11: a texture coordinate takes two finite numbers, received 'a b'"),
+    "short vertex": (swap("v 0 1 0", "v 0 1"), "line 7: a vertex takes three numbers, received '0 1'"),
+    "nan vertex": (swap("v 0 1 0", "v 0 nan 0"), r"line 7: a vertex at \[0.0, nan, 0.0\]"),
+    "huge vertex": (swap("v 0 1 0", "v 0 1e99 0"), "line 7: a vertex at .*no place"),
+    "words": (swap("vt 0 1", "vt a b"), "line 11: a texture coordinate takes two numbers, received 'a b'"),
     "two corners": (swap("f 1/1/1 2/2/1 3/3/1 4/4/1", "f 1 2"), "line 14: a face needs three corners"),
-    "no corner": (swap("4/4/1", "4,4"), "line 14: '4,4' is no corner of a face"),
-    "corner zero": (swap("4/4/1", "0"), "line 14: corner '0' reaches outside the 4"),
-    "corner before the first": (swap("4/4/1", "-5"), "line 14: corner '-5' reaches outside the 4"),
-    "texture before the first": (swap("4/4/1", "4/-5"), "line 14: corner '4/-5' reaches outside the 4"),
+    "no corner": (swap("4/4/1", "4,4"), "line 14: the corners of a face are .* received '1/1/1 2/2/1 3/3/1 4,4'"),
+    "corner zero": (swap("4/4/1", "0"), "line 14: a corner has number 0, with 4 given"),
+    "corner before the first": (swap("4/4/1", "-5"), "line 14: a corner has number -5, with 4 given"),
+    "texture before the first": (swap("4/4/1", "4/-5"), "line 14: a corner has number -5, with 4 given"),
+    "corner beyond all numbers": (swap("4/4/1", "9" * 30), "line 14: the corners of a face"),
     "missing vertex": (swap("4/4/1", "6/4/1"), "line 14: the face names vertex 6 of 5"),
     "missing vertex, continued line": (swap("  1/1 2/2", "  1/1 9/2"), "line 18: the face names vertex 9 of 5"),
     "missing texture": (swap("4/4/1", "4/7/1"), "line 14: the face names texture coordinate 7 of 5"),
@@ -204,9 +205,9 @@ PLY_REJECTED = {
     "vertex 0": (swap("vertex 4", "vertex 0"), "holds no vertex|announces|cut off"),
     "no number": (swap("1 1 9 0", "1 one 9 0"), "line 17: 'one' is no number"),
     "nan": (swap("1 1 9 0", "1 nan 9 0"), r"vertex 2: holds \[1.0, nan, 0.0\]"),
-    "a billion": (swap("vertex 4", "vertex 1000000000"), "declares 1000000000 of element 'vertex'.* cut off"),
+    "a billion": (swap("vertex 4", "vertex 1000000000"), "declares 1000000000 of element 'vertex'.*cut off"),
     "cut off": (lambda text: text[: text.index("2 4 0 1")], "cut off"),
-    "cut inside a list": (lambda text: text[: text.index(" 2 3\n")], "vertex_indices announces 4 values where 2 values"),
+    "cut inside a list": (lambda text: text[: text.index(" 2 3\n")], "vertex_indices announces 4 values where 2"),
     "negative length": (swap("1 3 0 1 2", "1 -3 0 1 2"), "face 0: vertex_indices announces -3 values"),
     "lying length": (swap("2 4 0 1 2 3", "2 4000 0 1 2 3"), "face 1: vertex_indices announces 4000 values"),
     "half a length": (swap("1 3 0 1 2", "1 2.5 0 1 2"), "face 0: vertex_indices announces 2.5 values"),
@@ -214,8 +215,8 @@ PLY_REJECTED = {
     "half a vertex": (swap("4 0 1 2 3", "4 0 1 2 1.5"), "face 1: names vertex 1.5 of 4"),
     "negative vertex": (swap("4 0 1 2 3", "4 0 1 2 -1"), "face 1: names vertex -1 of 4"),
     "no indices": (swap("vertex_indices", "corners"), "not given as 'property list"),
-    "strips": (swap("face 2", "tristrips 2"), "not given as 'property list|cut off"),
-    "indices no list": (lambda text: text.replace("list uchar int vertex_indices", "int vertex_indices"), "must be a list"),
+    "strips": (lambda text: text.replace("element face", "element tristrips"), "not given as 'property list"),
+    "indices no list": (swap("list uchar int vertex_ind", "int vertex_ind"), "must be a list"),
 }
 
 
@@ -305,9 +306,6 @@ def test_what_cannot_be_written_is_refused_and_nothing_written(tmp_path):
     cloud = PointCloud(np.zeros((1, 3)))
     with pytest.raises(FileError, match="written as .obj or .ply, not as '.stl'"):
         obj_ply.save(tmp_path / "out.stl", cloud)
-    with pytest.raises(RetargetError, match="received dict"):
-        obj_ply.save.__wrapped__(tmp_path / "out.ply", {}) if hasattr(obj_ply.save, "__wrapped__") else None
-        raise RetargetError("received dict")
     with pytest.raises(FileError, match="cannot be written"):
         obj_ply.save(tmp_path / "absent" / "out.ply", cloud)
     assert os.listdir(tmp_path) == []
@@ -317,9 +315,10 @@ def test_what_cannot_be_written_is_refused_and_nothing_written(tmp_path):
 def test_mutated_files_are_read_or_refused_but_never_crash(read, raw):
     raw = raw if isinstance(raw, bytes) else raw.encode()
     rng, refused = random.Random(0), 0
+    suffix, words = (".obj" if raw[:1] == b"#" else ".ply"), [b"element", b"list", b"end_header", b"f", b"v", b"\\"]
     for _ in range(400):
         try:
-            asset = read(mutated(raw, rng, [b"element", b"list", b"end_header", b"f", b"v", b"\\"]), ".obj" if raw[:1] == b"#" else ".ply")
+            asset = read(mutated(raw, rng, words), suffix)
             assert np.isfinite(asset.mesh.vertices if asset.mesh else asset.points.points).all()
         except RetargetError as error:
             refused += 1
@@ -330,7 +329,7 @@ def test_mutated_files_are_read_or_refused_but_never_crash(read, raw):
 def test_mutated_real_file_is_read_or_refused_but_never_crashes(read, data):
     rng = random.Random(1)
     raw = (data / "characters/makehuman/base.obj").read_bytes()
-    raw = raw[: 60_000] + b"".join(b"f %d %d %d\n" % tuple(rng.randrange(1, 1000) for _ in range(3)) for _ in range(500))
+    raw = raw[:60_000].rpartition(b"\n")[0] + b"\nf 1 2 3 4\nf -1/-1 -2 -3\n" * 500
     for _ in range(20):
         try:
             read(mutated(raw, rng, [b"f", b"v", b"\\"]), ".obj")

@@ -136,7 +136,7 @@ def test_the_silhouette_of_a_sphere_has_the_right_area():
 
 def test_edges_are_smoothed():
     ball = sphere(0.5, material=Material("black", (0.0, 0.0, 0.0, 1.0)))
-    picture = render(ball, ball.vertices, STRAIGHT, 200, 200, floor=None)[..., 0].astype(int)
+    picture = render(ball, ball.vertices, STRAIGHT, 200, 200, floor=None, samples=3)[..., 0].astype(int)
     light, dark = picture[0, 0], picture[100, 100]
     between = (picture > dark + 10) & (picture < light - 10)
     assert dark < 60 and between.sum() > 150 and len(np.unique(picture[between])) >= 5

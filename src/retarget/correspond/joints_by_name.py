@@ -68,8 +68,9 @@ class NameScores:
     numbers: Int[Array, "joints"]
     """The last number in each name, -1 where there is none."""
 
-    def best(self, joint: int) -> float:
-        return max(float(score[joint]) for score in self.parts.values())
+    def best(self, joint: int, but: str = "") -> float:
+        """The highest score of a joint for any part but one."""
+        return max(float(score[joint]) for part, score in self.parts.items() if part != but)
 
 
 @lru_cache(maxsize=1)

@@ -185,7 +185,8 @@ def _halves(tree: Tree) -> dict[int, list[tuple[int, float, float]]]:
                     early = np.where(away > 0.02 * length, off / away, 0.0) * (away < 0.35 * length)
                     bend = max(float(off.max()) / length, 0.15 * float(early.max()))
                     # Joints between the ends are rare, and joints that branch belong to the end of a limb.
-                    bend_cost = float(outside(bend, 0.0, 0.02, 0.08)) + min(0.4 * len(between), 1.2)
+                    inner = int(((away > 1e-3 * length) & (away < 0.999 * length)).sum())
+                    bend_cost = float(outside(bend, 0.0, 0.02, 0.08)) + min(0.4 * inner, 1.2)
                     bend_cost += 2.0 * float((tree.branches[between] > 1).sum())
                 if bend < 0.35:
                     halves.setdefault(low, []).append((up, length, bend_cost))
@@ -209,6 +210,8 @@ def _triples(tree: Tree, halves: dict[int, list[tuple[int, float, float]]]) -> t
     direct = np.linalg.norm(tree.positions[lower] - tree.positions[upper], axis=1)
     cost = outside(direct / lengths.sum(axis=1), 0.8, 1.01, 0.15) + table[:, 5]
     cost = cost + np.where(tree.branches[middle] > 1, 2.0, 0.0)  # limbs do not branch at the knee or the elbow
+    for nodes in (upper, middle, lower):  # of two joints in one place the first one moves the other
+        cost = cost + np.where(tree.steps[nodes] < 1e-4 * tree.scale, 0.5, 0.0)
     return upper, middle, lower, lengths, cost
 
 
@@ -289,6 +292,8 @@ def _join(tree: Tree, names: NameScores, kind: str, trunk: int, tops: tuple[int,
     uneven = sum(min(0.5 * (np.log(x / y) / 0.12) ** 2, 6.0) for x, y in zip(a.lengths, b.lengths))
     if tree.sizes[tops[0]] == tree.sizes[tops[1]] and _depths(tree, a, tops[0]) != _depths(tree, b, tops[1]):
         uneven += 1.0
+    away = [float(np.linalg.norm(tree.positions[limb.nodes[0]] - tree.positions[trunk])) for limb in two]
+    uneven += min(0.5 * (np.log(max(away[0], 1e-9) / max(away[1], 1e-9)) / 0.3) ** 2, 3.0)
     apart = tree.positions[a.nodes[0]] - tree.positions[b.nodes[0]]
     wide = float(np.sqrt(apart @ apart)) / (0.5 * (a.length + b.length))
     if kind == "arm":

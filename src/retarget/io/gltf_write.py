@@ -84,19 +84,24 @@ def _repair(draft: Draft, origin: GltfOrigin) -> None:
         accessors[skin["inverseBindMatrices"]] = accessors[matrices]
         draft.json["skins"][number] = {**skin, "inverseBindMatrices": matrices}
     mended = {key: add_influences(draft, each.joints, each.weights) for key, each in origin.influences.items()}
+    instead: dict[int, int] = {}
+    in_use: set[int] = set()
     for number, mesh in enumerate(draft.json.get("meshes", ())):
         primitives = list(mesh["primitives"])
         for position, primitive in enumerate(primitives):
-            old = primitive["attributes"]
-            new = mended.get((old.get("JOINTS_0"), old.get("WEIGHTS_0")))
-            if new is None:
-                continue
-            for name in [name for name in old if name.startswith(("JOINTS_", "WEIGHTS_"))]:
-                accessors[old[name]] = accessors[new.get(name, new[name.partition("_")[0] + "_0"])]
-            kept = {name: value for name, value in old.items() if not name.startswith(("JOINTS_", "WEIGHTS_"))}
-            primitives[position] = {**primitive, "attributes": {**kept, **new}}
+            attributes = primitive["attributes"]
+            new = mended.get((attributes.get("JOINTS_0"), attributes.get("WEIGHTS_0")))
+            if new is not None:
+                bound = {name: old for name, old in attributes.items() if name.startswith(("JOINTS_", "WEIGHTS_"))}
+                instead |= {old: new.get(name, new[name.split("_")[0] + "_0"]) for name, old in bound.items()}
+                attributes = {name: old for name, old in attributes.items() if name not in bound} | new
+                primitives[position] = {**primitive, "attributes": attributes}
+            in_use |= set(attributes.values())
         if mended:
             draft.json["meshes"][number] = {**mesh, "primitives": primitives}
+    for old, new in instead.items():
+        if old not in in_use:
+            accessors[old] = accessors[new]
 
 
 def _free_nodes(draft: Draft, rig: Rig, path: Path) -> None:

@@ -23,7 +23,7 @@ from jaxtyping import Float, Int
 from retarget.character import Mesh, PointCloud
 from retarget.errors import FileError, RetargetError
 from retarget.io.asset import Asset
-from retarget.io.decimal_text import number, shown
+from retarget.io.decimal_text import LARGEST, shown, workable
 from retarget.io.ply import fan, read_ply, write_ply
 from retarget.io.whole_file import written_whole
 
@@ -72,8 +72,6 @@ def save(path: str | Path, surface: Mesh | PointCloud) -> None:
     if path.suffix.lower() not in (".obj", ".ply"):
         received = path.suffix or "a file without suffix"
         raise FileError(path, f"a bare surface is written as .obj or .ply, not as {received!r}")
-    if not isinstance(surface, (Mesh, PointCloud)):
-        raise RetargetError(f"a Mesh or a PointCloud can be written here, received {type(surface).__name__}")
     write = write_ply if path.suffix.lower() == ".ply" else _write_obj
     with written_whole(path) as file:
         write(file, surface)
@@ -81,32 +79,35 @@ def save(path: str | Path, surface: Mesh | PointCloud) -> None:
 
 @dataclass
 class _Obj:
-    """What the lines of an OBJ file add up to."""
+    """What the lines of an OBJ file add up to. Ranges are checked at the end, all at once; lines are kept for that."""
 
     path: Path
     line: int = 0
     vertices: array = field(default_factory=lambda: array("d"))
+    vertex_lines: array = field(default_factory=lambda: array("q"))
     texture: array = field(default_factory=lambda: array("d"))
     corners: array = field(default_factory=lambda: array("q"))
+    """Vertex of each corner, from 1 on."""
     texture_corners: array = field(default_factory=lambda: array("q"))
-    """The texture coordinate of each corner, -1 for none."""
+    """Texture coordinate of each corner, from 1 on; 0 for none."""
     counts: array = field(default_factory=lambda: array("q"))
-    lines: array = field(default_factory=lambda: array("q"))
-    """The line of each polygon."""
+    """Corners of each face."""
+    face_lines: array = field(default_factory=lambda: array("q"))
     passed_over: dict[str, int] = field(default_factory=dict)
 
-    def fault(self, problem: str) -> FileError:
-        return FileError(self.path, problem, f"line {self.line}")
+    def fault(self, problem: str, line: int | None = None) -> FileError:
+        return FileError(self.path, problem, f"line {line or self.line}")
 
     def take(self, words: list[bytes]) -> None:
         keyword = words[0]
         if keyword == b"v":
-            self.vertices.extend(self.values(words, 3, "a vertex takes three finite numbers"))
+            self.vertices.extend(self.values(words, 3, "a vertex takes three numbers"))
+            self.vertex_lines.append(self.line)
         elif keyword == b"f":
             self.face(words)
         elif keyword == b"vt":
             words += [b"0"] * (len(words) == 2)  # v may be left out
-            self.texture.extend(self.values(words, 2, "a texture coordinate takes two finite numbers"))
+            self.texture.extend(self.values(words, 2, "a texture coordinate takes two numbers"))
         elif keyword in PASSED_OVER:
             if name := PASSED_OVER[keyword]:
                 self.passed_over[name] = self.passed_over.get(name, 0) + 1
@@ -114,60 +115,71 @@ class _Obj:
             raise self.fault(f"{shown(keyword)} is no word of an OBJ file")
 
     def values(self, words: list[bytes], count: int, rule: str) -> list[float]:
-        values = [number(word) for word in words[1 : count + 1]]
-        if len(values) != count or None in values:
+        try:
+            values = [float(word) for word in words[1 : count + 1]]
+        except ValueError:
+            values = []
+        if len(values) != count:
             raise self.fault(f"{rule}, received {shown(b' '.join(words[1:]))}")
         return values
 
     def face(self, words: list[bytes]) -> None:
         if len(words) < 4:
             raise self.fault(f"a face needs three corners, received {shown(b' '.join(words[1:]))}")
-        vertices, texture = len(self.vertices) // 3, len(self.texture) // 2
-        for word in words[1:]:
-            first, *rest = word.split(b"/")
-            self.corners.append(self.index(first, vertices, word))
-            self.texture_corners.append(self.index(rest[0], texture, word) if rest and rest[0] else -1)
-        self.counts.append(len(words) - 1)
-        self.lines.append(self.line)
-
-    def index(self, digits: bytes, newest: int, word: bytes) -> int:
-        """OBJ counts from 1, negative numbers back from the newest. Whether a later one exists is known at the end."""
+        parts = [word.split(b"/", 2) for word in words[1:]]
         try:
-            index = int(digits)
-        except ValueError:
-            raise self.fault(f"{shown(word)} is no corner of a face (v, v/vt, v//vn or v/vt/vn)") from None
-        if not -newest <= index < 1 << 40 or index == 0:
-            raise self.fault(f"corner {shown(word)} reaches outside the {newest} given so far; the first has number 1")
-        return index - 1 if index > 0 else index + newest
+            corners = [int(part[0]) for part in parts]
+            texture = [int(part[1]) if len(part) > 1 and part[1] else 0 for part in parts]
+            if min(corners) < 1 or min(texture) < 0:
+                corners = [self.counted_back(each, len(self.vertices) // 3) for each in corners]
+                texture = [each and self.counted_back(each, len(self.texture) // 2) for each in texture]
+            self.corners.extend(corners)
+            self.texture_corners.extend(texture)
+        except (ValueError, OverflowError) as error:
+            if isinstance(error, RetargetError):
+                raise
+            received = shown(b" ".join(words[1:]))
+            raise self.fault(f"the corners of a face are v, v/vt, v//vn or v/vt/vn, received {received}") from None
+        self.counts.append(len(corners))
+        self.face_lines.append(self.line)
+
+    def counted_back(self, index: int, newest: int) -> int:
+        """Negative numbers count back from the newest."""
+        if index == 0 or index < -newest:
+            raise self.fault(f"a corner has number {index}, with {newest} given so far; the first has number 1")
+        return index if index > 0 else index + newest + 1
 
     def surface(self) -> tuple[Mesh | PointCloud, tuple[str, ...]]:
         vertices = np.array(self.vertices).reshape(-1, 3)
         if not len(vertices):
             raise FileError(self.path, "holds no vertex ('v x y z'); is it an OBJ file?")
+        if not workable(vertices):
+            bad = int(np.flatnonzero(~(np.abs(vertices) < LARGEST).all(axis=1))[0])
+            raise self.fault(f"a vertex at {vertices[bad].tolist()}, which is no place", self.vertex_lines[bad])
         notes = tuple(f"{count} statements about {name} were passed over" for name, count in self.passed_over.items())
         if not self.counts:
             return PointCloud(vertices), notes
-        corners = self.checked(self.corners, len(vertices), "vertex")
-        counts = np.array(self.counts)
+        corners = self.from_zero(self.corners, len(vertices), "vertex")
         uvs, more = self.uvs(len(vertices), corners)
-        return Mesh(vertices, fan(corners, counts), uvs=uvs), notes + more
+        return Mesh(vertices, fan(corners, np.array(self.counts, dtype=np.int64)), uvs=uvs), notes + more
 
-    def checked(self, corners: array, count: int, what: str) -> Int[Array, "corners"]:
-        indices = np.array(corners)
-        if len(missing := np.flatnonzero(indices >= count)):
-            polygon = np.searchsorted(np.cumsum(self.counts), missing[0], side="right")
-            self.line = self.lines[int(polygon)]
-            raise self.fault(f"the face names {what} {int(indices[missing[0]]) + 1} of {count}")
-        return indices
+    def from_zero(self, corners: array, count: int, what: str) -> Int[Array, "corners"]:
+        indices = np.array(corners, dtype=np.int64)
+        if len(missing := np.flatnonzero(indices > count)):
+            face = int(np.searchsorted(np.cumsum(self.counts), missing[0], side="right"))
+            raise self.fault(f"the face names {what} {indices[missing[0]]} of {count}", self.face_lines[face])
+        return indices - 1
 
     def uvs(
         self, vertices: int, corners: Int[Array, "corners"]
     ) -> tuple[Float[Array, "vertices 2"] | None, tuple[str, ...]]:
         """Texture coordinates by vertex, where that is possible; OBJ has them by corner, origin bottom left."""
-        chosen = self.checked(self.texture_corners, len(self.texture) // 2, "texture coordinate")
-        if not len(chosen) or chosen.min() < 0:
-            return None, ()
+        chosen = self.from_zero(self.texture_corners, len(self.texture) // 2, "texture coordinate")
         coordinates = np.array(self.texture).reshape(-1, 2) * [1, -1] + [0, 1]
+        if chosen.min() < 0:
+            return None, ()
+        if not workable(coordinates):
+            return None, ("texture coordinates were passed over: some are not finite",)
         uvs = np.zeros((vertices, 2))
         uvs[corners] = coordinates[chosen]
         torn = len(np.unique(corners[(uvs[corners] != coordinates[chosen]).any(axis=1)]))
@@ -190,13 +202,15 @@ def _statements(file: BinaryIO) -> Iterator[tuple[int, list[bytes]]]:
         if line == 1:
             text = text.removeprefix(b"\xef\xbb\xbf")
         start = start or line
-        stripped = text.split(b"#", 1)[0].rstrip()
+        stripped = (text.split(b"#", 1)[0] if b"#" in text else text).rstrip()
         if stripped.endswith(b"\\"):
             joined.append(stripped[:-1])
             continue
-        if words := b" ".join([*joined, stripped]).split():
+        if words := (b" ".join([*joined, stripped]) if joined else stripped).split():
             yield start, words
-        start, joined = 0, []
+        if joined:
+            joined = []
+        start = 0
     if words := b" ".join(joined).split():
         yield start, words
 

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from retarget.character import Mesh, PointCloud
 from retarget.errors import FileError
-from retarget.io.decimal_text import numbers, shown, workable
+from retarget.io.decimal_text import LARGEST, numbers, shown, workable
 
 Array = np.ndarray
 
@@ -65,7 +65,7 @@ def read_ply(path: Path, file: BinaryIO) -> tuple[Mesh | PointCloud, tuple[str, 
     polygons = faces.get("vertex_indices", faces.get("vertex_index"))
     if polygons is None:
         if "face" in found or "tristrips" in found:
-            problem = "its faces are not given as 'property list ... vertex_indices'; export plain polygons"
+            problem = "its faces are not given as 'property list ... vertex_indices'; export them as polygons"
             raise FileError(path, problem)
         return _cloud(path, vertices)
     if not isinstance(polygons, tuple):
@@ -94,8 +94,8 @@ def _mesh(
     corners: Array,
 ) -> tuple[Mesh, tuple[str, ...]]:
     if not workable(vertices):
-        bad = int(np.flatnonzero(~(np.abs(vertices) < 1e12).all(axis=1))[0])
-        raise FileError(path, f"holds {vertices[bad].tolist()}, which is no place in space", f"vertex {bad}")
+        bad = int(np.flatnonzero(~(np.abs(vertices) < LARGEST).all(axis=1))[0])
+        raise FileError(path, f"holds {vertices[bad].tolist()}, which is no place", f"vertex {bad}")
     wrong = np.flatnonzero(~((corners >= 0) & (corners < len(vertices)) & (corners == np.floor(corners))))
     if len(wrong):
         polygon = int(np.searchsorted(np.cumsum(counts), wrong[0], side="right"))
@@ -305,8 +305,8 @@ def _read_ragged(body: _Text | _Bytes, element: _Element) -> dict[str, Any]:
     body.at = at
     columns: dict[str, Any] = {}
     for name, (each, starts, counts) in found.items():
-        lengths = np.array(counts)
-        values = body.gather(each.type, np.array(starts), lengths)
+        lengths = np.array(counts, dtype=np.int64)
+        values = body.gather(each.type, np.array(starts, dtype=np.int64), lengths)
         columns[name] = (lengths, values) if each.count_type else values
     return columns
 

@@ -7,18 +7,20 @@ motion), and how tall it is. Every inference ends up in `Actor.notes`; each can 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from retarget.body import rotations as rot
-from retarget.body.kinematics import local_positions, rest_pose
+from retarget.body.kinematics import rest_pose, world_pose
 from retarget.character import Character, Mesh, Motion, Skeleton
+from retarget.contact.ground import ground_contacts
+from retarget.contact.support import leg_length, support_limbs, support_points
 from retarget.correspond.joints import Humanoid
 from retarget.errors import RetargetError
 from retarget.io.asset import Convention
+from retarget.motion.anatomy import Soles
 
 Array = np.ndarray
 
@@ -29,6 +31,10 @@ UNITS = {"m": 1.0, "cm": 0.01, "dm": 0.1, "mm": 0.001, "inch": 0.0254, "foot": 0
 LIKELY_HEIGHT = (0.5, 2.6)
 """Metres. A body in this range is believed as it stands."""
 TYPICAL_HEIGHT = 1.7
+LEAST_STANCE = 0.4
+"""Seconds that a foot must stand in all before its motion tells how its sole lies."""
+SOLE_TILT = (np.radians(10), np.radians(40))
+"""Tilts of a standing sole, against its rest pose, that are believed: less is noise, more is no standing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +94,8 @@ class Actor:
     height: float
     """From the soles to the top of the head at rest, metres."""
     notes: tuple[str, ...] = ()
+    soles: Soles = field(default_factory=dict)
+    """Soles as the motion shows them, for a body without surface (`stance_soles`)."""
 
     @property
     def skeleton(self) -> Skeleton:
@@ -191,10 +199,38 @@ def make_actor(
         scale, why = infer_unit(height)
         notes.append(f"unit: {why}")
     similarity = Similarity(rot.swing_between(up_axis, AXES["+y"]), scale)
-    axes = rot.rotate(similarity.rotation, humanoid.axes)
-    return Actor(
-        similarity.character(character), replace(humanoid, axes=axes), similarity, height * scale, tuple(notes)
-    )
+    placed = similarity.character(character)
+    humanoid = replace(humanoid, axes=rot.rotate(similarity.rotation, humanoid.axes))
+    soles: Soles = {}
+    if motion is not None and character.skin is None:
+        soles = stance_soles(placed, humanoid, similarity.motion(motion))
+    return Actor(placed, humanoid, similarity, height * scale, tuple(notes), soles)
+
+
+def stance_soles(character: Character, humanoid: Humanoid, motion: Motion) -> Soles:
+    """Upward normals of the soles in their foot joints' frames, from how the feet stand in a motion.
+
+    A bare skeleton does not show whether its feet are flat at rest: in skeletons drawn with legs apart they often roll
+    out with the shins. On frames where heel and ball both rest the sole is flat on average; feet that rarely stand, or
+    whose rest pose agrees within a few degrees, are left as they are.
+    """
+    limbs = support_limbs(character, humanoid)[:2]
+    rotations, positions = world_pose(motion)
+    points = np.concatenate(support_points(limbs, rotations, positions), axis=1)
+    contacts = ground_contacts(points, motion.fps, leg_length(character.skeleton, humanoid))
+    at_rest, _ = rest_pose(character.skeleton)
+    soles: Soles = {}
+    for foot, (side, limb) in enumerate(zip(("left", "right"), limbs)):
+        flat = contacts.touching[:, 2 * foot : 2 * foot + 2].all(axis=1)
+        if flat.sum() < LEAST_STANCE * motion.fps:
+            continue
+        up = np.array([0.0, 1.0, 0.0])
+        normals = rot.rotate(rot.inverse(rotations[flat, limb.joints[2]]), up)
+        normal = rot.unit(np.median(normals, axis=0))
+        tilt = np.arccos(np.clip(normal @ rot.rotate(rot.inverse(at_rest[limb.joints[2]]), up), -1, 1))
+        if SOLE_TILT[0] < tilt < SOLE_TILT[1]:
+            soles[side] = normal
+    return soles
 
 
 def facing_name(axes: Float[Array, "3 3"]) -> str:
@@ -208,10 +244,3 @@ def same_skeleton(a: Skeleton, b: Skeleton) -> bool:
         a.names == b.names and np.array_equal(a.parents, b.parents) and np.allclose(a.offsets, b.offsets, atol=1e-9)
     )
 
-
-def joint_positions(motion: Motion, joints: Sequence[int]) -> Float[Array, "frames chosen 3"]:
-    """World positions of some joints over a motion."""
-    from retarget.body.kinematics import forward
-
-    positions = local_positions(motion.skeleton, motion.translations, motion.moved)
-    return forward(motion.skeleton.parents, motion.rotations, positions)[1][:, list(joints)]

@@ -45,10 +45,13 @@ def trunk_frame(axes: Float[Array, "3 3"]) -> Float[Array, "4"]:
     return rot.from_frame(left - (left @ up) * up, up)
 
 
-def rest_frames(skeleton: Skeleton, humanoid: Humanoid) -> dict[str, Float[Array, "4"]]:
+Soles = dict[str, Float[Array, "3"]]
+"""Upward normals of the soles in their foot joints' frames, by side, where they are known better than from the rest pose."""
+
+
+def rest_frames(skeleton: Skeleton, humanoid: Humanoid, soles: Soles | None = None) -> dict[str, Float[Array, "4"]]:
     """World rotation, at rest, of the anatomical frame of every matched joint."""
-    _, positions = rest_pose(skeleton)
-    body = _Body(skeleton, humanoid, positions)
+    body = _Body(skeleton, humanoid, soles or {})
     frames = {}
     for name in HUMANOID_JOINTS:
         if name in humanoid.joints:
@@ -56,12 +59,14 @@ def rest_frames(skeleton: Skeleton, humanoid: Humanoid) -> dict[str, Float[Array
     return frames
 
 
-def joint_from_frame(skeleton: Skeleton, humanoid: Humanoid) -> dict[str, Float[Array, "4"]]:
+def joint_from_frame(
+    skeleton: Skeleton, humanoid: Humanoid, soles: Soles | None = None
+) -> dict[str, Float[Array, "4"]]:
     """The constant K with `R_world_frame = R_world_joint · K` in every pose, for every matched joint."""
     rotations, _ = rest_pose(skeleton)
     return {
         name: rot.multiply(rot.inverse(rotations[humanoid.joints[name]]), frame)
-        for name, frame in rest_frames(skeleton, humanoid).items()
+        for name, frame in rest_frames(skeleton, humanoid, soles).items()
     }
 
 
@@ -78,9 +83,9 @@ def bend_directions(skeleton: Skeleton, humanoid: Humanoid) -> dict[str, Float[A
 class _Body:
     """What the frames are measured from: rest positions by canonical name, and the trunk's axes."""
 
-    def __init__(self, skeleton: Skeleton, humanoid: Humanoid, positions: Float[Array, "joints 3"]) -> None:
-        self.skeleton, self.joints, self.positions = skeleton, humanoid.joints, positions
-        self.rotations, _ = rest_pose(skeleton)
+    def __init__(self, skeleton: Skeleton, humanoid: Humanoid, soles: Soles) -> None:
+        self.skeleton, self.joints, self.soles = skeleton, humanoid.joints, soles
+        self.rotations, self.positions = rest_pose(skeleton)
         self.trunk = trunk_frame(humanoid.axes)
         self.left, self.up, self.forward = (rot.rotate(self.trunk, axis) for axis in np.eye(3))
 
@@ -157,6 +162,9 @@ class _Body:
         foot, toes = self.place(f"{side}Foot"), self.place(f"{side}Toes")
         toes = self.end(self.joints[f"{side}Foot"]) if toes is None else toes
         along = self.forward if toes is None else toes - foot
+        if side in self.soles:
+            normal = rot.rotate(self.rotations[self.joints[f"{side}Foot"]], self.soles[side])
+            return rot.from_frame(along - (along @ normal) * normal, normal)
         heading = along - (along @ self.up) * self.up
         if np.linalg.norm(heading) > 0.35 * np.linalg.norm(along) and heading @ self.forward > 0:
             return rot.from_frame(heading, self.up)

@@ -14,7 +14,7 @@ from retarget.body import rotations as rot
 from retarget.body.kinematics import levels, rest_pose
 from retarget.character import Skeleton
 from retarget.contact.support import leg_length
-from retarget.motion.align import Actor
+from retarget.motion.align import Actor, same_skeleton
 from retarget.motion.anatomy import LIMBS, joint_from_frame, rest_frames
 from retarget.motion.chains import Chain, share, trunk_and_neck
 
@@ -56,7 +56,9 @@ class CopyPlan:
 
 def plan_copy(source: Actor, target: Actor, source_sole: float, target_sole: float) -> CopyPlan:
     """Match the joints of two bodies. The soles are the heights of the lowest support point at rest, metres."""
-    K_source = joint_from_frame(source.skeleton, source.humanoid)
+    # What the motion shows of the source's feet means nothing to a target of the same skeleton: both rest alike.
+    soles = {} if same_skeleton(source.skeleton, target.skeleton) else source.soles
+    K_source = joint_from_frame(source.skeleton, source.humanoid, soles)
     K_target = joint_from_frame(target.skeleton, target.humanoid)
     rows = _chain_rows(source, target, K_source)
     handled = {row[0] for row in rows}

@@ -36,7 +36,7 @@ def motion_row(label: str, character: Character, motion: Motion, columns: int) -
     rotations, positions = (values[chosen] for values in world_pose(motion))
     captions = tuple(f"{frame / motion.fps:.2f} s" for frame in chosen)
     if character.skin is None:
-        mesh, vertices = skeleton_mesh(character.skeleton, positions)
+        mesh, vertices = skeleton_mesh(character.skeleton, positions, rotations)
     else:
         mesh, vertices = character.mesh, prepare_skinning(character).vertices(rotations, positions).astype(np.float64)
     return Row(label, mesh, vertices, captions)
