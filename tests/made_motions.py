@@ -10,7 +10,6 @@ from retarget.body.human import PRESETS, human
 from retarget.body.kinematics import forward, local_rotations, rest_pose
 from retarget.character import Character, Motion, Skeleton, Skin
 from retarget.contact.support import descendants
-from retarget.correspond.joints import humanoid_from_names
 from retarget.motion.align import Similarity
 from retarget.motion.ik import two_bone
 from retarget.retargeting import Hints, cast
@@ -26,7 +25,8 @@ def body(preset="thin"):
 
 @lru_cache(maxsize=None)
 def actor(preset="thin"):
-    return cast(body(preset))
+    """The embedded human, ready for a method."""
+    return cast_by_names(body(preset))
 
 
 def cast_by_names(character, names=None):

@@ -233,9 +233,9 @@ class Wardrobe:
         x, up, forward = (points - self.joints["head"]).T
         line = np.interp(up, [-0.06, 0.0, 0.045, 0.05, 0.085, 0.105, 0.122, 0.13],
                          [-0.025, -0.008, 0.012, 0.03, 0.042, 0.062, 0.1, 0.25])  # fmt: skip
-        behind_ear = np.interp(up, [-0.04, 0.02, 0.05], [-0.022, -0.014, 0.012])
-        ear = np.maximum.reduce([0.066 - x, up - 0.05, behind_ear - forward, forward - 0.04])
-        return np.minimum.reduce([line - forward, up + 0.052 - 0.1 * np.maximum(forward + 0.06, 0), ear])
+        behind_ear = np.interp(up, [-0.04, 0.02, 0.05], [-0.032, -0.028, -0.002])
+        ear = np.maximum.reduce([0.066 - x, up - 0.051, behind_ear - forward, forward - 0.04])
+        return np.minimum.reduce([line - forward, up + 0.03 + 0.25 * np.minimum(forward + 0.06, 0), ear])
 
     def brow(self, points: np.ndarray) -> np.ndarray:
         """Eyebrows: positive within a thin arch above the eye."""

@@ -23,35 +23,34 @@ from retarget.io import gltf
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [
-    "babylon/riggedMesh.glb", "godot/mannequiny.glb", "kaykit/Barbarian.glb", "kaykit/Knight.glb",
-    "kaykit_mannequin/Med_General.glb", "kaykit_mannequin/Med_MovementBasic.glb", "kaykit_mannequin/Med_Simulation.glb",
+    "babylon/riggedMesh.glb", "godot/mannequiny.glb", "kaykit/Knight.glb", "kaykit_mannequin/Med_General.glb",
     "kaykit_mannequin/manny_med_mod.gltf",
 ]  # fmt: skip
 
 
-@pytest.fixture(params=FILES)
-def path(request, data):
+@pytest.fixture(params=FILES, scope="module")
+def asset(request, data):
     found = data / "characters" / request.param
     if not found.exists():
         pytest.skip(f"{request.param} is not at hand")
-    return found
+    return gltf.load(found)
 
 
 def some(frames):
     return np.unique(np.linspace(0, frames - 1, 4).astype(int))
 
 
-def test_every_file_loads_and_its_clips_decode(path):
-    asset = gltf.load(path)
-    assert asset.character is not None and len(asset.character.skeleton) >= 20
-    for clip in asset.clips[:5]:
-        motion = asset.motion(clip.name)
-        assert (len(motion), motion.fps, motion.name) == (clip.frames, clip.fps, clip.name)
+def test_every_file_loads_and_its_clips_decode(data):
+    for path in sorted((data / "characters").rglob("*.gl*")):
+        asset = gltf.load(path)
+        assert asset.character is not None and len(asset.character.skeleton) >= 20
+        for clip in asset.clips[:5]:
+            motion = asset.motion(clip.name)
+            assert (len(motion), motion.fps, motion.name) == (clip.frames, clip.fps, clip.name)
 
 
-def test_joints_and_vertices_are_those_of_the_specification(path):
-    asset = gltf.load(path)
-    character, reference = asset.character, Reference(path)
+def test_joints_and_vertices_are_those_of_the_specification(asset):
+    character, reference = asset.character, Reference(asset.path)
     nodes = character.origin.rig.nodes
     size = float(np.ptp(reference.world()[nodes][:, :3, 3]))
     for number in range(min(len(asset.clips), 3)):
@@ -62,15 +61,15 @@ def test_joints_and_vertices_are_those_of_the_specification(path):
         # Rigid joints do not follow scales, which mannequiny's feet and one mannequin clip have: left out on both sides.
         worlds = [reference.world(number, start + frame / motion.fps, scales=False) for frame in frames]
         rotations, positions = world_pose(motion)
-        np.testing.assert_allclose(positions[frames], np.array(worlds)[:, nodes, :3, 3], atol=2e-5 * size)
+        np.testing.assert_allclose(positions[frames], np.array(worlds)[:, nodes][..., :3, 3], atol=2e-5 * size)
         if character.mesh is not None:
             expected = [reference.vertices(number, start + frame / motion.fps, scales=False) for frame in frames]
             posed = prepare_skinning(character).vertices(rotations[frames], positions[frames])
             np.testing.assert_allclose(posed, expected, atol=2e-5 * size)
 
 
-def test_appending_keeps_the_file(path, tmp_path):
-    asset = gltf.load(path)
+def test_appending_keeps_the_file(asset, tmp_path):
+    path = asset.path
     motion = asset.motion(0) if asset.clips else still_motion(asset.character.skeleton, 3)
     out = tmp_path / path.name
     gltf.save(out, asset.character, [motion])
@@ -92,22 +91,21 @@ def test_appending_keeps_the_file(path, tmp_path):
         assert np.abs(skin_motion(again.character, returned) - skin_motion(asset.character, motion)).max() < 1e-4
 
 
-def written(path, tmp_path):
+def written(asset, tmp_path):
     """The file appended to, and written anew, each with a clip named 'ours'."""
-    asset = gltf.load(path)
     motion = asset.motion(0) if asset.clips else still_motion(asset.character.skeleton, 3)
     motion = replace(motion, name="ours")
     results = []
     for name, character in (("appended", asset.character), ("new", replace(asset.character, origin=None))):
-        results.append((tmp_path / f"{name}{path.suffix}", character, motion))
+        results.append((tmp_path / f"{name}{asset.path.suffix}", character, motion))
         gltf.save(results[-1][0], character, [motion])
     return results
 
 
-def test_written_files_are_valid(path, tmp_path):
+def test_written_files_are_valid(asset, tmp_path):
     if shutil.which("node") is None:
         pytest.skip("node is not installed")
-    files = [str(out) for out, _, _ in written(path, tmp_path)]
+    files = [str(out) for out, _, _ in written(asset, tmp_path)]
     run = subprocess.run(["node", ROOT / "tools/validate_gltf.mjs", *files], capture_output=True, text=True, timeout=120)
     if run.returncode == 3:
         pytest.skip("the npm package gltf-validator is not installed")
@@ -116,11 +114,11 @@ def test_written_files_are_valid(path, tmp_path):
 
 
 @pytest.mark.slow
-def test_blender_shows_the_same(path, tmp_path):
+def test_blender_shows_the_same(asset, tmp_path):
     python = os.environ.get("RETARGET_BPY_PYTHON", sys.executable)
     if subprocess.run([python, "-c", "import importlib.util as u; exit(u.find_spec('bpy') is None)"]).returncode:
         pytest.skip("bpy is not installed (RETARGET_BPY_PYTHON may name an interpreter that has it)")
-    for out, character, motion in written(path, tmp_path):
+    for out, character, motion in written(asset, tmp_path):
         frames, seen = some(len(motion)), tmp_path / "seen.npz"
         seconds = ",".join(str(frame / motion.fps) for frame in frames)
         command = [python, ROOT / "tests/io/blender_shows.py", out, "ours", seconds, seen]
@@ -140,18 +138,26 @@ def test_blender_shows_the_same(path, tmp_path):
                 assert max(cKDTree(ours).query(theirs)[0].max(), cKDTree(theirs).query(ours)[0].max()) < 1e-3 * size
 
 
+TIMED = """
+import sys, time
+from retarget.io import gltf
+began = time.perf_counter()
+asset = gltf.load(sys.argv[1])
+print(time.perf_counter() - began)
+began = time.perf_counter()
+for clip in range(len(asset.clips)):
+    asset.motion(clip)
+print((time.perf_counter() - began) / len(asset.clips), len(asset.clips))
+"""
+
+
 def test_the_knight_is_read_fast(data):
-    path = data / "characters/kaykit/Knight.glb"
-    began = time.perf_counter()
-    asset = gltf.load(path)
-    loading = time.perf_counter() - began
-    assert len(asset.clips) == 76
-    began = time.perf_counter()
-    for clip in range(76):
-        asset.motion(clip)
-    decoding = (time.perf_counter() - began) / 76
-    # 0.5 s and 20 ms are promised; the types checked in tests and a busy machine take their part.
-    assert loading < 1.5 and decoding < 0.06, (loading, decoding)
+    """In a process of its own, where no types are checked; of three runs the best, as the machine may be busy."""
+    command = [sys.executable, "-c", TIMED, str(data / "characters/kaykit/Knight.glb")]
+    runs = [subprocess.run(command, capture_output=True, text=True, check=True).stdout.split() for _ in range(3)]
+    assert runs[0][2] == "76"
+    loading, decoding = (min(float(run[k]) for run in runs) for k in (0, 1))
+    assert loading <= 0.5 and decoding <= 0.020, (loading, decoding)
 
 
 def test_mutated_real_files_are_refused_or_read(data, tmp_path):

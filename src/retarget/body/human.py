@@ -48,13 +48,13 @@ PRESETS: dict[str, dict[str, float]] = {
     "man": {"gender": 1.0},
     "thin": {"gender": 0.4, "weight": 0.08, "muscle": 0.4},
     "heavy": {"gender": 0.7, "weight": 1.0, "muscle": 0.45},
-    "very_heavy": {"gender": 0.6, "weight": 1.4, "muscle": 0.35},
+    "very_heavy": {"gender": 0.7, "weight": 1.8, "muscle": 0.4, "belly": 0.5, "double_chin": 0.6, "face_fat": 0.5},
     "muscular": {"gender": 1.0, "muscle": 1.0, "weight": 0.62, "proportions": 0.8},
     "tall": {"gender": 0.8, "height": 2.0, "weight": 0.45},
     "short": {"gender": 0.3, "height": 1.45, "weight": 0.6},
     "elderly": {"gender": 0.3, "age": 0.95, "muscle": 0.3, "weight": 0.55},
     "child": {"age": 0.12, "height": 1.2},
-    "toddler": {"age": 0.03, "height": 0.86},
+    "toddler": {"age": 0.02, "height": 0.86},
 }
 """Shape parameters of bodies with a name: `human(**PRESETS["child"])`."""
 

@@ -22,6 +22,8 @@ LAWS = frozenset(
         "mirrored in, mirrored out",
         "equal results for equal input",
         "stepping equals the clip",
+        "permuting vertices permutes the result",
+        "names, order and axes of joints and the rest pose do not matter",
     }
 )
 

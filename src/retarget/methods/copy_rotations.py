@@ -57,16 +57,20 @@ class CopyRotations(Method):
         limbs = {actor: support_limbs(actor.character, actor.humanoid) for actor in (source, target)}
         soles = {actor: _sole_height(actor, limbs[actor]) for actor in (source, target)}
         plan = plan_copy(source, target, soles[source], soles[target])
-        # A body that stands on its own ground keeps it; one whose file has its origin at the hips gets the world's.
-        floor = soles[target] if abs(soles[target]) < 0.25 * plan.target_hip_height else 0.0
         limits = joint_limits(target) if self.limits else ()
-        return PreparedCopy(self, source, target, plan, limbs[source], limbs[target], limits, floor)
+        floors = _rest_floor(soles[source], plan.source_hip_height), _rest_floor(soles[target], plan.target_hip_height)
+        return PreparedCopy(self, source, target, plan, limbs[source], limbs[target], limits, *floors)
 
 
 def _sole_height(actor: Actor, limbs: tuple[SupportLimb, ...]) -> float:
     rotations, positions = rest_pose(actor.skeleton)
     legs = support_points(limbs[:2], rotations[None], positions[None])
     return float(min(points[..., 1].min() for points in legs))
+
+
+def _rest_floor(sole: float, hip_height: float) -> float:
+    """A body that stands on its own ground keeps it; one whose file has its origin at the hips gets the world's."""
+    return sole if abs(sole) < 0.25 * hip_height else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +84,8 @@ class PreparedCopy(Retargeter):
     source_limbs: tuple[SupportLimb, ...]
     target_limbs: tuple[SupportLimb, ...]
     limits: tuple[Limit, ...]
+    source_floor: float
+    """Height of the source's floor as its rest pose shows it, metres."""
     floor: float
     """Height of the target's floor, metres."""
 
@@ -91,9 +97,9 @@ class PreparedCopy(Retargeter):
             raise RetargetError(f"the clip {motion.name!r} has no frames")
         rotations, positions = world_pose(motion)
         contacts = self._contacts(rotations, positions, motion.fps) if self.settings.foot_lock else None
-        source_floor = 0.0
+        source_floor = self.source_floor
         if contacts is not None:  # a clip that never lands keeps its own ground, unless it sinks below
-            source_floor = contacts.floor if contacts.touching.any() else min(contacts.floor, 0.0)
+            source_floor = contacts.floor if contacts.touching.any() else min(contacts.floor, source_floor)
         world, hips = self._copy(rotations, positions, source_floor)
         placed = positions_of(self.plan.target, world, self.plan.target_hips, hips)
         stats: dict[str, Any] = {
@@ -116,7 +122,7 @@ class PreparedCopy(Retargeter):
         moved = self._moved_by_source(pose)
         local = local_positions(skeleton, pose.translations[None], moved)
         rotations, positions = forward(skeleton.parents, pose.rotations[None], local)
-        world, hips = self._copy(rotations, positions, 0.0)
+        world, hips = self._copy(rotations, positions, self.source_floor)
         result = self._motion(world, hips, None)
         return result.pose(0)
 

@@ -47,6 +47,8 @@ class Row:
     """Posed vertices, metres, any float type."""
     captions: tuple[str, ...] = ()
     """A line under each frame; none, or one a frame."""
+    floor: float | None = None
+    """Height of the ground where it is known, metres; None looks for it under the body."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "captions", tuple(self.captions))
@@ -97,7 +99,7 @@ def sheet(
         raise RetargetError(f"a sheet needs at least one column, received {columns}")
     surfaces = [prepare_surface(row.mesh) for row in rows]
     shown = [row.vertices[:, surface.kept] for row, surface in zip(rows, surfaces, strict=True)]
-    frames, aspect = _frame_rows(shown, _azimuth(view), size)
+    frames, aspect = _frame_rows(shown, [row.floor for row in rows], _azimuth(view), size)
     plan = _Layout.of(rows, frames, size, round(aspect * size), columns, title)
     canvas = np.empty((plan.height, plan.width, 3), dtype=np.uint8)
     canvas[:] = to_srgb(BACKGROUND)
@@ -163,14 +165,14 @@ class _Framing:
 
 
 def _frame_rows(
-    shown: Sequence[Float[Array, "frames seen 3"]], azimuth: float, pixels: int
+    shown: Sequence[Float[Array, "frames seen 3"]], known: Sequence[float | None], azimuth: float, pixels: int
 ) -> tuple[list[_Framing], float]:
     """How each row is looked at, one scale for rows of comparable size, and the cells' width over their height."""
     framings: list[Any] = [None] * len(shown)
     aspect = NARROWEST
     for group in _alike([_spread(each) for each in shown]):
         size = max(_size(shown[k]) for k in group)
-        floors = {k: _floor(shown[k], size) for k in group}
+        floors = {k: _floor(shown[k], size, known[k]) for k in group}
         targets = {k: _targets(shown[k], floors[k]) for k in group}
         boxes = np.array([_box(shown[k], targets[k], azimuth, size) for k in group])
         half, bottom, top = boxes[:, 0].max(), boxes[:, 1].min(), boxes[:, 2].max()
@@ -204,7 +206,9 @@ def _size(vertices: Float[Array, "frames seen 3"]) -> float:
     return float(np.ptp(vertices, axis=1).max()) or 1.7 if vertices.size else 1.7
 
 
-def _floor(vertices: Float[Array, "frames seen 3"], size: float) -> float:
+def _floor(vertices: Float[Array, "frames seen 3"], size: float, known: float | None) -> float:
+    if known is not None:
+        return known
     lowest = float(vertices[:, :, 1].min()) if vertices.size else 0.0
     return 0.0 if -size / 8 <= lowest <= size / 2 else lowest
 

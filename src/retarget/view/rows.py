@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from retarget.body.kinematics import still_motion, world_pose
+from retarget.body.kinematics import rest_pose, still_motion, world_pose
 from retarget.body.skinning import prepare_skinning
 from retarget.character import Character, Motion
+from retarget.contact.support import support_limbs, support_points
 from retarget.errors import FileError, MatchError
 from retarget.io import load
 from retarget.io.asset import Asset
@@ -25,12 +26,14 @@ def file_row(path: Path, columns: int, clip: str | None = None) -> Row:
     if asset.character is None:
         raise FileError(path, f"holds {asset.kind}; a picture needs a surface or a skeleton")
     motion = asset.motion(clip if clip is not None else len(asset.clips) - 1) if asset.clips else still_motion(asset.character.skeleton)
-    character, motion = _upright(asset, motion)
+    character, motion, floor = _upright(asset, motion)
     label = path.stem if len(asset.clips) < 2 else f"{path.stem}\n{motion.name}"
-    return motion_row(label, character, motion, columns)
+    return motion_row(label, character, motion, columns, floor)
 
 
-def motion_row(label: str, character: Character, motion: Motion, columns: int) -> Row:
+def motion_row(
+    label: str, character: Character, motion: Motion, columns: int, floor: float | None = None
+) -> Row:
     """A character's frames spread evenly over a motion; bones where it has no surface."""
     chosen = np.unique(choose_frames(len(motion), columns))
     rotations, positions = (values[chosen] for values in world_pose(motion))
@@ -39,12 +42,18 @@ def motion_row(label: str, character: Character, motion: Motion, columns: int) -
         mesh, vertices = skeleton_mesh(character.skeleton, positions, rotations)
     else:
         mesh, vertices = character.mesh, prepare_skinning(character).vertices(rotations, positions).astype(np.float64)
-    return Row(label, mesh, vertices, captions)
+    return Row(label, mesh, vertices, captions, floor)
 
 
-def _upright(asset: Asset, motion: Motion) -> tuple[Character, Motion]:
+def _upright(asset: Asset, motion: Motion) -> tuple[Character, Motion, float | None]:
+    """Character and motion in the house's space where the body is recognised, with the ground it stands on at rest
+    (what it wears or carries may hang below)."""
     try:
         actor = cast(asset, motion=motion)
     except MatchError:
-        return asset.character, motion
-    return actor.character, actor.house_from_file.motion(motion)
+        return asset.character, motion, None
+    legs = support_limbs(actor.character, actor.humanoid)[:2]
+    rotations, positions = rest_pose(actor.skeleton)
+    sole = min(points[..., 1].min() for points in support_points(legs, rotations[None], positions[None]))
+    standing = abs(sole) < 0.1 * actor.height and asset.character.skin is not None
+    return actor.character, actor.house_from_file.motion(motion), 0.0 if standing else None
