@@ -1,14 +1,11 @@
-"""A method of your own: one file and one line in `METHODS`. This one copies local rotations by name, as simple scripts
-do, which is right only where both bodies rest alike.
+"""A method of your own: one file and one line in `METHODS`.
 
-    python examples/own_method.py
-"""
+It copies local rotations by name, as simple scripts do: right only where both bodies rest alike."""
 
 from dataclasses import dataclass
 
-from retarget import METHODS, Motion, Result, embedded_motion, human, retarget
+from retarget import METHODS, Motion, Result, RetargetError, embedded_motion, human, retarget
 from retarget.body.kinematics import still_motion
-from retarget.errors import RetargetError
 from retarget.methods import Method, Retargeter
 
 
@@ -31,13 +28,12 @@ class Prepared(Retargeter):
         rotations = still_motion(self.target.skeleton, len(motion)).rotations
         for theirs, ours in self.pairs:
             rotations[:, ours] = motion.rotations[:, theirs]
-        path = self.settings.scale * motion.translations[:, :1]
-        return Result(self.target.character, Motion(self.target.skeleton, rotations, path, motion.fps))
+        moved = Motion(self.target.skeleton, rotations, self.settings.scale * motion.translations[:, :1], motion.fps)
+        return Result(self.target.character, moved)
 
     def step(self, pose):
         raise RetargetError("this method takes whole clips")
 
 
 METHODS["by-name"] = ByName
-result = retarget(embedded_motion("walk"), human(height=1.2, age=0.12), method="by-name", scale=0.7)
-print(f"{len(result.motion)} frames, {len(result.motion.skeleton)} joints, status {result.status}")
+print(retarget(embedded_motion("walk"), human(height=1.2, age=0.12), method="by-name", scale=0.7).status)

@@ -35,7 +35,7 @@ class Maker:
         return self.add("bufferViews", {"buffer": 0, "byteOffset": start, "byteLength": len(data), **more})
 
     def accessor(self, values, dtype="f4", normalized=False, stride=0, sparse=False):
-        """An accessor; normalised integers are encoded from reals; `stride` interleaves with junk; `sparse` hides every other row."""
+        """An accessor. Normalised integers are encoded from reals; `stride` interleaves junk; `sparse` moves every other row."""
         values = np.asarray(values, float)
         values = values[:, None] if values.ndim == 1 else values
         top = {"i1": 127, "u1": 255, "i2": 32767, "u2": 65535}.get(dtype)
@@ -141,7 +141,11 @@ def worm(
         nodes[1]["children"] = [3]
     if as_matrix:
         nodes = [
-            {"name": n["name"], "matrix": matrix(full(n)).T.ravel().tolist(), **({"children": n["children"]} if "children" in n else {})}
+            {
+                "name": n["name"],
+                "matrix": matrix(full(n)).T.ravel().tolist(),
+                **({"children": n["children"]} if "children" in n else {}),
+            }
             for n in nodes
         ]
     roots = [0]
@@ -162,8 +166,14 @@ def worm(
     attributes = {"POSITION": m.accessor(stored, positions_as, stride=stride, sparse=sparse)}
     if sets == 2:  # the same weights, halved, in two sets
         four = four / 2
-        attributes |= {"JOINTS_1": m.accessor(which, joints_as), "WEIGHTS_1": m.accessor(four, weights_as, weights_as != "f4")}
-    attributes |= {"JOINTS_0": m.accessor(which, joints_as), "WEIGHTS_0": m.accessor(four, weights_as, weights_as != "f4")}
+        attributes |= {
+            "JOINTS_1": m.accessor(which, joints_as),
+            "WEIGHTS_1": m.accessor(four, weights_as, weights_as != "f4"),
+        }
+    attributes |= {
+        "JOINTS_0": m.accessor(which, joints_as),
+        "WEIGHTS_0": m.accessor(four, weights_as, weights_as != "f4"),
+    }
     attributes["TEXCOORD_0"] = m.accessor(stored[:, :2] * 0.1, "f4")
     primitive = {"attributes": attributes, "indices": m.accessor(faces.reshape(-1), "u2")}
     if texture:
@@ -219,7 +229,11 @@ def add_clip(m, number, nodes, mode, fps, keys, start, turns_as, as_matrix):
     path = [[0.1 + 0.05 * k, 0.02 * k * k, 0.2] for k in range(keys)]
     size = 1.0 / max(abs(nodes[-1].get("scale", [1])[0]), 1e-9) if nodes[-1].get("name") == "Armature" else 1.0
     animation = {"name": f"clip{number}", "samplers": [], "channels": []}
-    for node, target, values in ((1, "rotation", swing), (2, "rotation", nod), (0, "translation", np.array(path) * size)):
+    for node, target, values in (
+        (1, "rotation", swing),
+        (2, "rotation", nod),
+        (0, "translation", np.array(path) * size),
+    ):
         values = np.asarray(values, float)
         if mode == "CUBICSPLINE":
             tangent = np.gradient(values, axis=0) * fps * 0.5
@@ -227,5 +241,7 @@ def add_clip(m, number, nodes, mode, fps, keys, start, turns_as, as_matrix):
         small = target == "rotation" and turns_as != "f4"
         output = m.accessor(values, turns_as if small else "f4", small)
         animation["samplers"].append({"input": times, "output": output, "interpolation": mode})
-        animation["channels"].append({"sampler": len(animation["samplers"]) - 1, "target": {"node": node, "path": target}})
+        animation["channels"].append(
+            {"sampler": len(animation["samplers"]) - 1, "target": {"node": node, "path": target}}
+        )
     m.add("animations", animation)

@@ -1,4 +1,4 @@
-"""The glTF 2.0 specification read literally, slowly and separately from the reader: what vertices does a file show at time t?"""
+"""The glTF 2.0 specification read literally, slowly, separately from the reader: what does a file show at time t?"""
 
 import base64
 import json
@@ -37,7 +37,9 @@ class Reference:
         view = self.json["bufferViews"][view]
         data, start = self.buffers[view["buffer"]], view.get("byteOffset", 0) + offset
         step = stride or width * np.dtype(dtype).itemsize
-        return np.array([np.frombuffer(data, dtype, width, start + i * step) for i in range(count)]).reshape(count, width)
+        return np.array([np.frombuffer(data, dtype, width, start + i * step) for i in range(count)]).reshape(
+            count, width
+        )
 
     def accessor(self, number):
         a = self.json["accessors"][number]
@@ -92,7 +94,12 @@ class Reference:
             return a
         if mode == "CUBICSPLINE":
             out, into = values[k, 2], values[k + 1, 0]
-            v = (2*u**3 - 3*u**2 + 1)*a + dt*(u**3 - 2*u**2 + u)*out + (3*u**2 - 2*u**3)*b + dt*(u**3 - u**2)*into
+            v = (
+                (2 * u**3 - 3 * u**2 + 1) * a
+                + dt * (u**3 - 2 * u**2 + u) * out
+                + (3 * u**2 - 2 * u**3) * b
+                + dt * (u**3 - u**2) * into
+            )
             return v / np.linalg.norm(v) if turn else v
         if not turn:
             return a + u * (b - a)

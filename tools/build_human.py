@@ -172,7 +172,7 @@ def name_places(
     pupil = min(pupil, key=lambda v: np.linalg.norm(mesh[v] - mesh[pupil].mean(axis=0)))
     marks = regions.landmarks(regions.Finder(mesh, joints, labels, weights), skin.mirror, pupil)
     wardrobe = regions.Wardrobe(joints, mesh[pupil])
-    lips = texture.mask_at(source, "mpfb_lips", skin.uvs[skin.face_uvs].mean(axis=1)) > 0.5
+    lips = texture.mask_at(source, "mpfb_lips", skin.uvs[skin.face_uvs].mean(axis=1))
     materials = regions.face_materials(mesh, skin.faces, parts, wardrobe, skin.eye_faces, lips)
     image = texture.bake(source, skin, mesh, parts, wardrobe)
     print("texture:", len(image) // 1000, "kB")

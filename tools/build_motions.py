@@ -14,6 +14,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import motion_actions as actions
 import motion_gestures as gestures
 import numpy as np
 from motion_body import PERFORMER, Performer, performer
@@ -23,7 +24,11 @@ from motion_time import FPS
 RESULT = Path(__file__).resolve().parents[1] / "src" / "retarget" / "motion" / "library.npz"
 CLIPS: dict[str, Callable[[Performer], Clip]] = {
     "demo": gestures.demo,
-    "walk": gestures.walk,
+    "walk": actions.walk,
+    "run": actions.run,
+    "jump": actions.jump,
+    "turn": actions.turn,
+    "wave": actions.wave,
     "hands_on_hips": gestures.hands_on_hips,
     "hand_to_shoulder": gestures.hand_to_shoulder,
 }

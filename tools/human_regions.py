@@ -233,8 +233,8 @@ class Wardrobe:
         x, up, forward = (points - self.joints["head"]).T
         line = np.interp(up, [-0.06, 0.0, 0.045, 0.05, 0.085, 0.105, 0.122, 0.13],
                          [-0.025, -0.008, 0.012, 0.03, 0.042, 0.062, 0.1, 0.25])  # fmt: skip
-        behind_ear = np.interp(up, [-0.04, 0.02, 0.05], [-0.032, -0.028, -0.002])
-        ear = np.maximum.reduce([0.066 - x, up - 0.051, behind_ear - forward, forward - 0.04])
+        behind_ear = np.interp(up, [-0.04, 0.0, 0.03, 0.05], [-0.032, -0.026, -0.022, -0.002])
+        ear = np.maximum.reduce([0.069 - x, up - 0.051, behind_ear - forward, forward - 0.04])
         return np.minimum.reduce([line - forward, up + 0.03 + 0.25 * np.minimum(forward + 0.06, 0), ear])
 
     def brow(self, points: np.ndarray) -> np.ndarray:
@@ -250,18 +250,27 @@ def _on(parts: np.ndarray, *names: str) -> np.ndarray:
 
 
 def face_materials(
-    vertices: np.ndarray, faces: np.ndarray, parts: np.ndarray, wardrobe: Wardrobe, eyes: dict[str, set[frozenset[int]]], lips: np.ndarray
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    parts: np.ndarray,
+    wardrobe: Wardrobe,
+    eyes: dict[str, set[frozenset[int]]],
+    lips: np.ndarray,
 ) -> np.ndarray:
-    """Colour region (index into MATERIALS) of each face: T-shirt, shorts, a cap of hair, lips and eyes on skin."""
+    """Colour region (index into MATERIALS) of each face: T-shirt, shorts, a cap of hair, lips and eyes on skin.
+
+    `lips` (faces,) says in [0, 1] how much a face is lip.
+    """
     names = list(MATERIALS)
     field = wardrobe.fields(vertices[faces].mean(axis=1), parts)
     clothed = smooth_region(vertices, faces, np.maximum(field["shirt"], field["shorts"]))
-    lower = smooth_region(vertices, faces, np.where(field["shorts"] > field["shirt"], 1, -1) * np.maximum(np.abs(field["shorts"]), 0.001))
+    side = np.where(field["shorts"] > field["shirt"], 1, -1)
+    lower = smooth_region(vertices, faces, side * np.maximum(np.abs(field["shorts"]), 0.001))
     region = np.full(len(faces), names.index("skin"))
     region[smooth_region(vertices, faces, field["hair"])] = names.index("hair")
     region[clothed] = names.index("shirt")
     region[clothed & lower] = names.index("shorts")
-    region[lips] = names.index("lips")
+    region[smooth_region(vertices, faces, 0.01 * (lips - 0.5), softness=1e-4)] = names.index("lips")
     for k, face in enumerate(faces.tolist()):
         for kind, members in eyes.items():
             if frozenset(face) in members:

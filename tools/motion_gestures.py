@@ -29,9 +29,7 @@ def standing(performer: Performer, seconds: float, seed: int) -> tuple[Channels,
 
 
 def finish(performer: Performer, name: str, act: Channels, planted: dict[str, Array], touches: list[tuple[float, float, str, str]]) -> Clip:
-    """The clip of channels whose hands are in place; `touches` are (start, end, part, part)."""
-    keep_within_reach(performer, act)
-    lay_soles(performer, act, planted)
+    """The clip of channels whose feet and hands are in place; `touches` are (start, end, part, part)."""
     return Clip.of(performer, name, act, planted, touches)
 
 
@@ -101,7 +99,7 @@ def demo(performer: Performer) -> Clip:
     """Some steps, hands on the hips, then one hand to the opposite shoulder."""
     t = clock(8.0)
     act = Channels(len(t))
-    steps = walk_steps(0.35, 5, 0.54)
+    steps = walk_steps(0.35, 5, 0.52)
     planted = place_feet(performer, act, t, feet_apart(), steps)
     amount = walk_body(performer, act, t, feet_apart(), steps, Gait())
     live(act, t, 13, 1 - 0.7 * amount)
@@ -122,13 +120,3 @@ def demo(performer: Performer) -> Clip:
     touches = [(hips[side][1] + 0.1, hips[side][2] - 0.07, side + "Hand", "pelvis") for side in SIDES]
     touches.append((shoulder[1] + 0.1, shoulder[2] - 0.07, "leftHand", "chest"))
     return finish(performer, "demo", act, planted, touches)
-
-
-def walk(performer: Performer) -> Clip:
-    t = clock(4.7)
-    act = Channels(len(t))
-    steps = walk_steps(0.55, 6, 0.56)
-    planted = place_feet(performer, act, t, feet_apart(), steps)
-    amount = walk_body(performer, act, t, feet_apart(), steps, Gait())
-    live(act, t, 3, 1 - 0.7 * amount)
-    return finish(performer, "walk", act, planted, [])

@@ -33,6 +33,12 @@ class Step:
     """Degrees by which the toes are raised when the heel touches the floor; negative: the ball touches first."""
     height: float = 0.0
     """Metres added to the middle of the swing."""
+    flight: bool = False
+    """Whether the foot rises and falls with a body in free flight, on a parabola."""
+    kick: float = 1.1
+    """How far the foot turns toes down in its swing, in multiples of `push`."""
+    kick_time: float = 0.14
+    """When it does, as a share of the swing."""
     roll_start: float = 0.55
     """When the heel begins to rise, as a share of the time the foot stands."""
     settle: float = 0.11
@@ -90,7 +96,7 @@ def _place_foot(performer: Performer, act: Channels, t: Array, side: str, start:
         span = step.land - step.lift
         speed = ((before[1] - before[0]) / slope, (behind[2] - behind[1]) / slope)
         path = _hermite(share, before[1], behind[1], speed[0] * span, speed[1] * span)
-        path[:, 1] += step.height * np.sin(np.pi * share) ** 2
+        path[:, 1] += step.height * (4 * share * (1 - share) if step.flight else np.sin(np.pi * share) ** 2)
         ankle[swing] = path
         relaxed = np.radians(8) * np.sin(np.pi * share)
         toes[swing] = np.maximum(toes[swing] * (1 - ease(share, 0.0, 0.45)), relaxed)
@@ -105,10 +111,11 @@ def _pitch(t: Array, steps: Sequence[Step]) -> Array:
     keys = [(-10.0, 0.0)]
     for i, step in enumerate(steps):
         landed = steps[i - 1].land if i else step.lift - 0.62
-        rise = landed + step.roll_start * (step.lift - landed) if i else step.lift - 0.3
+        rise = landed + step.roll_start * (step.lift - landed) if i else step.lift - 0.32
         keys.append((max(rise, keys[-1][0] + 0.02), 0.0))
         span = step.land - step.lift
-        keys += [(step.lift, step.push), (step.lift + 0.14 * span, step.push * 1.1), (step.lift + 0.62 * span, 0.12 * step.push)]
+        keys.append((max(step.lift - 0.12, keys[-1][0] + 0.02), 0.33 * step.push))  # when the other foot lands, at a walk
+        keys += [(step.lift, step.push), (step.lift + step.kick_time * span, step.push * step.kick), (step.lift + 0.62 * span, 0.12 * step.push)]
         keys += [(step.land - 0.04 * span, -step.strike), (step.land, -step.strike * 0.95), (step.land + step.settle, 0.0)]
     keys.append((keys[-1][0] + 100.0, 0.0))
     from scipy.interpolate import PchipInterpolator
@@ -183,4 +190,4 @@ def keep_within_reach(performer: Performer, act: Channels) -> None:
         line = act.ankles[side] - hip
         within = np.sqrt(np.maximum(leg_reach(performer, side) ** 2 - (line[:, [0, 2]] ** 2).sum(axis=1), 0.01))
         need = np.maximum(need, -line[:, 1] - within)
-    act.hips[:, 1] -= gaussian(upper_envelope(np.maximum(need, 0.0), 3), 1.5)
+    act.hips[:, 1] -= gaussian(upper_envelope(np.maximum(need, 0.0), 2), 1.4)

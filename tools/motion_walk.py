@@ -23,15 +23,15 @@ class Gait:
 
     arm_swing: float = 17.0
     elbow_swing: float = 9.0
-    pelvis_yaw: float = 5.0
+    pelvis_yaw: float = 7.0
     pelvis_drop: float = 3.0
-    trunk_twist: float = 7.5
+    trunk_twist: float = 10.0
     lean: float = 2.5
     side: float = 0.028
     """How far the hips go over the standing foot from the middle of the two."""
-    crouch: float = 0.012
+    crouch: float = 0.003
     """How much lower the hips are than on stretched legs when passing over the standing foot."""
-    dip: float = 0.022
+    dip: float = 0.016
     """How much lower again when both feet are on the floor."""
 
 
@@ -52,7 +52,7 @@ def walk_steps(start: float, count: int, length: float, pace: float = 0.55, swin
     return steps
 
 
-def stand_height(performer: Performer, crouch: float = 0.006) -> float:
+def stand_height(performer: Performer, crouch: float = 0.002) -> float:
     """Height of the hips joint of a person who stands on flat feet below the hips."""
     hip = performer.skeleton.offsets[performer.joint["leftUpperLeg"]][1]
     return performer.place("leftFoot")[1] + leg_reach(performer, "left") - hip - crouch
@@ -70,7 +70,7 @@ def support_keys(start: dict[str, Stand], steps: Sequence[Step]) -> list[tuple[f
         passing = np.array([stance[0], 0.5 * (stance[1] + middle[1])])
         keys.append((0.5 * (step.lift + step.land), passing, True))
         at[step.side] = goal
-        keys.append((step.land + 0.05, 0.5 * (at["left"] + at["right"]), False))
+        keys.append((step.land + 0.012, 0.5 * (at["left"] + at["right"]), False))
     return keys
 
 
@@ -91,7 +91,7 @@ def walk_body(performer: Performer, act: Channels, t: Array, start: dict[str, St
     act.hips[:, 0] = middle + side_share * gaussian(path[:, 0] - middle, 1.0)
     top = stand_height(performer)
     heights = [(t[0] - 1, top), (begin - 0.35, top), (begin, top - 0.6 * gait.crouch)]
-    heights += [(k[0] + 0.03, top - gait.crouch - (0.0 if k[2] else gait.dip)) for k in keys[:-1]]
+    heights += [(k[0] + (0.02 if k[2] else 0.035), top - gait.crouch - (0.0 if k[2] else gait.dip)) for k in keys[:-1]]
     heights += [(end + 0.1, top - 0.8 * gait.crouch), (end + 0.45, top), (t[-1] + 2, top)]
     act.hips[:, 1] = keyed(t, heights, soft=1.8)
     amount = ease(t, begin - 0.1, begin + 0.7) * (1 - ease(t, end - 0.45, end + 0.35))
@@ -120,8 +120,8 @@ def _swing_arm(act: Channels, side: str, amount: Array, stride: Array, gait: Gai
     angles, rad = act.arms[side], np.radians
     shade = 1.0 if side == "left" else 0.9  # nobody swings both arms alike
     add = dict(
-        flex=gait.arm_swing * shade * (forth + 0.12), elbow=gait.elbow_swing * shade * (late + 0.8), abduct=-1.0 * forth + 1.0,
-        internal=5.0 * forth, forward=2.2 * forth, wrist=-3.5 * later, pronate=4.0 * late + 4.0, index=3 * later, middle=3 * later,
+        flex=gait.arm_swing * shade * (forth + 0.12), elbow=gait.elbow_swing * shade * (late + 0.8), abduct=-1.5 * forth + 4.0,
+        internal=3.0 * forth - 4.0, forward=2.2 * forth, wrist=-3.5 * later, pronate=4.0 * late + 4.0, index=3 * later, middle=3 * later,
         ring=4 * later, little=4 * later,
     )  # fmt: skip
     for name, degrees in add.items():

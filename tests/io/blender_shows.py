@@ -2,8 +2,8 @@
 
     python blender_shows.py FILE CLIP SECONDS,SECONDS,... OUT.npz
 
-Writes, for every instant, the world positions of all bone heads (array 'joints', names in 'names') and of all vertices of each
-mesh object (arrays named by the object), turned back from Blender's Z-up to glTF's Y-up.
+Writes, for every instant, the world positions of all bone heads (array 'joints', names in 'names') and of all vertices
+of each mesh object (arrays named by the object), turned back from Blender's Z-up to glTF's Y-up.
 """
 
 import os

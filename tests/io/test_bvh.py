@@ -139,6 +139,11 @@ def test_a_joint_that_keeps_its_offset_is_not_moved(read):
     assert decode(read(text))[1].moved == (0,)
 
 
+def test_the_position_of_the_root_always_replaces_its_offset(read):
+    asset, motion = decode(read(WALK.replace("0 1 0 0 0", "0 0 0 0 0").replace("1 2 3 10", "0 0 0 10")))
+    assert motion.translations.tolist() == [[[0, 0, 0]]] * 2 and not any("added" in note for note in asset.notes)
+
+
 def test_a_root_without_position_channels_stays_at_its_offset(read):
     text = WALK.replace("6 Xposition Yposition Zposition", "3").replace("0 1 0 0 0", "0 0", 1).replace("1 2 3 10", "10")
     assert decode(read(text))[1].translations.tolist() == [[[0, 1, 0]]] * 2
@@ -258,6 +263,23 @@ def test_few_channels_do_not_make_a_small_file_fill_the_memory(read):
     text += "MOTION\nFrames: 100000\nFrame Time: 1\n"
     with pytest.raises(FileError, match="leave out joints that keep still"):
         read(text + "0\n" * 100_000)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 20, 64])
+def test_numbers_and_faults_are_the_same_wherever_a_block_of_the_file_ends(read, monkeypatch, size):
+    faulty = [REJECTED[name][0](WALK) for name in ("no number", "cut inside a frame", "number missing", "nan")]
+    _, expected = decode(read(WALK))
+    told = [str(pytest.raises(FileError, decode_text, read, text).value) for text in faulty]
+    monkeypatch.setattr(bvh, "BLOCK", size)
+    for text in (WALK, WALK.rstrip(), WALK.replace("1 2 3 10", "1 2 3\n10"), WALK + "junk"):
+        motion = decode(read(text))[1]
+        assert np.array_equal(motion.rotations, expected.rotations)
+        assert np.array_equal(motion.translations, expected.translations)
+    assert told == [str(pytest.raises(FileError, decode_text, read, text).value) for text in faulty]
+
+
+def decode_text(read, text):
+    return decode(read(text))
 
 
 def test_missing_file_and_file_that_changes_after_loading(read, tmp_path):

@@ -101,5 +101,7 @@ def test_animation_alone_moves_the_joints_the_same(disguise, tmp_path):
     for ours, theirs in zip(world_pose(motion), world_pose(bare.motion(0))):
         np.testing.assert_allclose(np.abs(theirs), np.abs(ours), atol=1e-5)
     # At rest joints stand where the mesh was bound.
-    for ours, theirs in zip(world_pose(still_motion(asset.character.skeleton)), world_pose(still_motion(bare.character.skeleton))):
+    for ours, theirs in zip(
+        world_pose(still_motion(asset.character.skeleton)), world_pose(still_motion(bare.character.skeleton))
+    ):
         np.testing.assert_allclose(np.abs(theirs), np.abs(ours), atol=1e-5)

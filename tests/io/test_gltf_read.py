@@ -180,7 +180,9 @@ def test_animations_of_something_else_are_no_clips(tmp_path):
 
 def test_points_and_lines_are_left_out(tmp_path):
     m = worm()
-    m.json["meshes"][0]["primitives"].append({"attributes": m.json["meshes"][0]["primitives"][0]["attributes"], "mode": 1})
+    m.json["meshes"][0]["primitives"].append(
+        {"attributes": m.json["meshes"][0]["primitives"][0]["attributes"], "mode": 1}
+    )
     asset = loaded(m, tmp_path)
     assert len(asset.character.mesh.vertices) == 54 and any("lines" in note for note in asset.notes)
 
@@ -223,4 +225,6 @@ def test_key_frames_are_hit_exactly(tmp_path):
     asset = loaded(worm(keys=9), tmp_path)
     reference = Reference(tmp_path / "a.glb")
     keys = reference.accessor(reference.json["animations"][0]["samplers"][0]["output"])
-    np.testing.assert_allclose(asset.motion(0).rotations[:, 1], keys / np.linalg.norm(keys, axis=1, keepdims=True), atol=1e-12)
+    np.testing.assert_allclose(
+        asset.motion(0).rotations[:, 1], keys / np.linalg.norm(keys, axis=1, keepdims=True), atol=1e-12
+    )

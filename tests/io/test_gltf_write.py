@@ -77,7 +77,9 @@ def test_appending_keeps_every_byte(suffix, tmp_path):
             assert new.json[key][: len(value)] == value, key
         else:
             assert new.json[key] == value, key
-    assert new.buffers[0][: old.json["buffers"][0]["byteLength"]] == old.buffers[0][: old.json["buffers"][0]["byteLength"]]
+    assert (
+        new.buffers[0][: old.json["buffers"][0]["byteLength"]] == old.buffers[0][: old.json["buffers"][0]["byteLength"]]
+    )
     assert [a["name"] for a in new.json["animations"]] == ["clip0", "clip0_2", "clip0_3"]
     if suffix == ".glb":
         assert (tmp_path / "b.glb").read_bytes().endswith(struct.pack("<II", 4, 0x4D455441) + b"meta")
@@ -106,7 +108,12 @@ def test_buffers_and_pictures_beside_the_source_come_along(tmp_path):
         gltf.save(target / name, asset.character, [asset.motion(0)])
         again = gltf.load(target / name)
         assert again.character.mesh.materials[0].image == PNG and len(again.clips) == 2
-    assert sorted(str(p.relative_to(target)) for p in target.rglob("*") if p.is_file()) == ["b.bin", "b.glb", "b.gltf", "tex/my skin.png"]
+    assert sorted(str(p.relative_to(target)) for p in target.rglob("*") if p.is_file()) == [
+        "b.bin",
+        "b.glb",
+        "b.gltf",
+        "tex/my skin.png",
+    ]
     # A different picture of the same name is another character's: it stays, ours goes beside it.
     (target / "tex" / "my skin.png").write_bytes(b"another")
     gltf.save(target / "c.gltf", asset.character, [asset.motion(0)])
@@ -179,7 +186,22 @@ def test_large_meshes_get_wide_indices(tmp_path):
 def test_normals_are_smooth_across_seams(tmp_path):
     """The same place twice (a texture seam) gets one normal, pointing outwards."""
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float) - 0.5
-    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+    faces = np.array(
+        [
+            [0, 1, 3],
+            [0, 3, 2],
+            [4, 6, 7],
+            [4, 7, 5],
+            [0, 4, 5],
+            [0, 5, 1],
+            [2, 3, 7],
+            [2, 7, 6],
+            [0, 2, 6],
+            [0, 6, 4],
+            [1, 5, 7],
+            [1, 7, 3],
+        ]
+    )
     mesh = Mesh(np.concatenate([corners, corners]), np.where(np.arange(12)[:, None] % 2, faces + 8, faces))
     skin = Skin(np.array([0]), np.eye(4)[None], np.zeros((16, 1), int), np.ones((16, 1)))
     gltf.save(tmp_path / "cube.glb", Character(human_like().skeleton, mesh, skin))
@@ -234,7 +256,11 @@ def test_refusals(tmp_path):
     with pytest.raises(FileError, match="'.fbx'"):
         gltf.save(tmp_path / "out.fbx", doll)
     with pytest.raises(RetargetError, match="another skeleton"):
-        gltf.save(out, asset.character, [dance(Skeleton(("a",), np.array([-1]), np.zeros((1, 3)), np.array([[0, 0, 0, 1.0]])))])
+        gltf.save(
+            out,
+            asset.character,
+            [dance(Skeleton(("a",), np.array([-1]), np.zeros((1, 3)), np.array([[0, 0, 0, 1.0]])))],
+        )
     with pytest.raises(RetargetError, match="another skeleton"):
         gltf.save(out, replace(asset.character, skeleton=replace(asset.character.skeleton, names=("x", "y", "z"))))
     with pytest.raises(RetargetError, match="no frames"):
@@ -255,7 +281,9 @@ def test_refusals(tmp_path):
         gltf.save(out, sheared, [still_motion(sheared.skeleton)])
     with pytest.raises(FileError, match="JSON cannot express"):
         text = json.dumps(worm().json | {"extras": 0.125}).replace("0.125", "1e999")
-        (tmp_path / "inf.gltf").write_text(text.replace('"asset"', f'"buffers": [{{"byteLength": {len(worm().binary)}, "uri": "w.bin"}}], "asset"', 1))
+        (tmp_path / "inf.gltf").write_text(
+            text.replace('"asset"', f'"buffers": [{{"byteLength": {len(worm().binary)}, "uri": "w.bin"}}], "asset"', 1)
+        )
         (tmp_path / "w.bin").write_bytes(worm().binary)
         gltf.save(out, gltf.load(tmp_path / "inf.gltf").character)
     with pytest.raises(FileError, match="cannot be written"):
@@ -272,6 +300,11 @@ def test_written_files_are_valid(tmp_path):
         for name, character in (("new", doll), ("appended", asset.character), ("bare", Character(doll.skeleton))):
             for only in (False, True):
                 paths.append(tmp_path / f"{name}_{only}{suffix}")
-                gltf.save(paths[-1], character, [dance(character.skeleton), still_motion(character.skeleton)], animation_only=only)
+                gltf.save(
+                    paths[-1],
+                    character,
+                    [dance(character.skeleton), still_motion(character.skeleton)],
+                    animation_only=only,
+                )
     found = errors_found(*paths)
     assert len(found) == len(paths) and not any(found), found

@@ -2,6 +2,7 @@
 
 import inspect
 from dataclasses import fields, replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -44,6 +45,18 @@ def perform(make, motion, target, source=None):
     return prepare(source or actor(), target, make())(motion).motion
 
 
+@lru_cache(maxsize=None)
+def walked(method, preset):
+    """The walk on another embedded body: what a changed input is compared with."""
+    return prepare(actor(), actor(preset), method)(walk()).motion
+
+
+def surface(character, motion):
+    """Posed vertices on a few frames."""
+    few = slice(None, None, 15)
+    return skin_motion(character, replace(motion, rotations=motion.rotations[few], translations=motion.translations[few]))
+
+
 def joint_gap(motion, expected):
     """Largest distance between the joints of two motions, metres."""
     return float(np.abs(world_pose(motion)[1] - world_pose(expected)[1]).max())
@@ -75,7 +88,7 @@ def test_same_body_same_motion(make):
 @law("turning the world turns the result")
 @pytest.mark.parametrize("angle", [1.1, -2.5])
 def test_turning_the_world_turns_the_result(make, angle):
-    plain = perform(make, walk(), actor("heavy"))
+    plain = walked(make(), "heavy")
     moved = perform(make, turned(walk(), angle), actor("heavy"))
     assert joint_gap(moved, turned(plain, angle)) < 1e-5
 
@@ -84,7 +97,7 @@ def test_turning_the_world_turns_the_result(make, angle):
 def test_the_way_the_source_faces_at_rest_does_not_matter(make):
     around = Similarity(rot.from_rotation_vector(np.array([0.0, 2.0, 0.0])), 1.0)
     moved = perform(make, around.motion(walk()), actor("heavy"), cast_by_names(around.character(body())))
-    assert joint_gap(moved, turned(perform(make, walk(), actor("heavy")), 2.0)) < 1e-5
+    assert joint_gap(moved, turned(walked(make(), "heavy"), 2.0)) < 1e-5
 
 
 @law("scaling both bodies scales the path")
@@ -92,7 +105,7 @@ def test_the_way_the_source_faces_at_rest_does_not_matter(make):
 def test_scaling_both_bodies_scales_the_path(make, factor):
     source, target = (cast_by_names(scaled(body(name), factor)) for name in ("thin", "child"))
     large = perform(make, scaled(walk(), factor), target, source)
-    small = perform(make, walk(), actor("child"))
+    small = walked(make(), "child")
     assert joint_gap(large, scaled(small, factor)) < 1e-3 * factor
     assert turn_gap(large, small) < 0.5
 
@@ -109,7 +122,7 @@ def test_a_target_of_twice_the_size_goes_twice_as_far(make):
 @law("mirrored in, mirrored out")
 @pytest.mark.parametrize("preset", ["heavy", "child"])
 def test_mirrored_in_mirrored_out(make, preset):
-    plain = perform(make, walk(), actor(preset))
+    plain = walked(make(), preset)
     assert joint_gap(perform(make, mirrored(walk()), actor(preset)), mirrored(plain)) < 1e-5
 
 
@@ -139,19 +152,19 @@ def test_stepping_equals_the_clip(make, settings):
 @law("permuting vertices permutes the result")
 def test_permuting_vertices_permutes_the_result(make):
     mixed, order = with_vertices_permuted(body("heavy"), seed=3)
-    plain = skin_motion(body("heavy"), perform(make, walk(), actor("heavy")))
-    posed = skin_motion(mixed, perform(make, walk(), cast_by_names(mixed)))
+    plain = surface(body("heavy"), walked(make(), "heavy"))
+    posed = surface(mixed, perform(make, walk(), cast_by_names(mixed)))
     assert np.abs(posed - plain[:, order]).max() < 1e-5
 
 
 def elbows_bent():
-    return {"leftLowerArm": np.array([0.0, -0.7, 0.0]), "rightLowerArm": np.array([0.0, 0.9, 0.0]), "head": np.array([0.2, 0, 0])}
+    return {"leftLowerArm": np.array([0.0, -0.7, 0.0]), "rightLowerArm": np.array([0.0, 0.9, 0.0])}
 
 
 SAME_LOOKING = {
     "other axes": lambda character: with_other_joint_axes(character, seed=5),
-    "T rest": lambda character: in_other_rest_pose(character, arms_turned(-35)),
-    "arms-down rest": lambda character: in_other_rest_pose(character, arms_turned(30)),
+    "T rest": lambda character: in_other_rest_pose(character, arms_turned(-35.0)),
+    "arms-down rest": lambda character: in_other_rest_pose(character, arms_turned(30.0)),
     "bent elbows, other axes": lambda character: in_other_rest_pose(with_other_joint_axes(character, 2), elbows_bent()),
 }
 
@@ -160,10 +173,9 @@ SAME_LOOKING = {
 @pytest.mark.parametrize("change", SAME_LOOKING.values(), ids=list(SAME_LOOKING))
 def test_axes_and_rest_pose_of_the_target_do_not_show(make, change):
     target = change(body("heavy"))
-    plain = skin_motion(body("heavy"), perform(make, walk(), actor("heavy")))
-    posed = skin_motion(target, perform(make, walk(), cast_by_names(target)))
-    tolerance = 2e-4 if change is SAME_LOOKING["other axes"] else 0.02
-    assert np.abs(posed - plain).max() < tolerance
+    plain = surface(body("heavy"), walked(make(), "heavy"))
+    posed = surface(target, perform(make, walk(), cast_by_names(target)))
+    assert np.abs(posed - plain).max() < 1e-3
 
 
 @law("names, order and axes of joints and the rest pose do not matter")
@@ -172,7 +184,7 @@ def test_axes_and_rest_pose_of_the_source_do_not_show(make):
     motion = with_axes_of(source, walk())
     assert joint_gap(motion, walk()) < 1e-9, "the rolled source moves as the plain one"
     rolled = perform(make, motion, actor("child"), cast_by_names(source))
-    assert joint_gap(rolled, perform(make, walk(), actor("child"))) < 2e-4
+    assert joint_gap(rolled, walked(make(), "child")) < 2e-4
 
 
 def with_axes_of(character, motion):
@@ -198,16 +210,16 @@ def test_names_and_order_of_the_target_do_not_matter(make):
 
     target, order = in_other_order(body("heavy"), seed=4, rename=rename)
     other = cast_by_names(target, {name: rename(name) for name in body().skeleton.names})
-    plain, posed = perform(make, walk(), actor("heavy")), perform(make, walk(), other)
+    plain, posed = walked(make(), "heavy"), perform(make, walk(), other)
     assert posed.skeleton.names == tuple(rename(body().skeleton.names[joint]) for joint in order)
-    assert np.abs(skin_motion(target, posed) - skin_motion(body("heavy"), plain)).max() < 1e-4
+    assert np.abs(surface(target, posed) - surface(body("heavy"), plain)).max() < 1e-4
 
 
 def test_a_walk_stands_on_its_feet():
-    """The laws above mean little unless the made walk walks: its feet stand still, and it goes 2 m."""
+    """The laws above mean little unless the made walk walks: its feet stand still, and it goes a metre."""
     motion = walk()
     _, places = world_pose(motion)
     foot = places[:, body().skeleton.index("leftFoot")]
     assert (np.linalg.norm(np.diff(foot, axis=0), axis=1) < 1e-9).mean() > 0.5
-    assert 1.5 < motion.translations[-1, 0, 2] - motion.translations[0, 0, 2] < 3
+    assert 0.9 < motion.translations[-1, 0, 2] - motion.translations[0, 0, 2] < 1.2
     assert local_positions(motion.skeleton, motion.translations, motion.moved).shape == places.shape

@@ -77,10 +77,16 @@ def test_appending_keeps_the_file(asset, tmp_path):
     assert new.json["asset"].get("copyright") == old.json["asset"].get("copyright")
     length = old.json["buffers"][0]["byteLength"]
     assert new.buffers[0][:length] == old.buffers[0][:length]
-    mended = {skin["inverseBindMatrices"] for i, skin in enumerate(old.json["skins"]) if i in asset.character.origin.binds}
+    mended = {
+        skin["inverseBindMatrices"] for i, skin in enumerate(old.json["skins"]) if i in asset.character.origin.binds
+    }
     for kind, entries in old.json.items():
         if isinstance(entries, list) and kind not in ("buffers", "skins" if mended else ""):
-            kept = [entry for i, entry in enumerate(new.json[kind][: len(entries)]) if kind != "accessors" or i not in mended]
+            kept = [
+                entry
+                for i, entry in enumerate(new.json[kind][: len(entries)])
+                if kind != "accessors" or i not in mended
+            ]
             assert kept == [entry for i, entry in enumerate(entries) if kind != "accessors" or i not in mended], kind
     again = gltf.load(out)
     assert len(again.clips) == len(asset.clips) + 1
@@ -106,7 +112,9 @@ def test_written_files_are_valid(asset, tmp_path):
     if shutil.which("node") is None:
         pytest.skip("node is not installed")
     files = [str(out) for out, _, _ in written(asset, tmp_path)]
-    run = subprocess.run(["node", ROOT / "tools/validate_gltf.mjs", *files], capture_output=True, text=True, timeout=120)
+    run = subprocess.run(
+        ["node", ROOT / "tools/validate_gltf.mjs", *files], capture_output=True, text=True, timeout=120
+    )
     if run.returncode == 3:
         pytest.skip("the npm package gltf-validator is not installed")
     assert run.returncode == 0, run.stderr

@@ -46,8 +46,8 @@ PRESETS: dict[str, dict[str, float]] = {
     "average": {},
     "woman": {"gender": 0.0},
     "man": {"gender": 1.0},
-    "thin": {"gender": 0.4, "weight": 0.08, "muscle": 0.4},
-    "heavy": {"gender": 0.7, "weight": 1.0, "muscle": 0.45},
+    "thin": {"gender": 0.4, "weight": 0.0, "muscle": 0.35},
+    "heavy": {"gender": 0.7, "weight": 1.25, "muscle": 0.45, "belly": 0.2},
     "very_heavy": {"gender": 0.7, "weight": 1.8, "muscle": 0.4, "belly": 0.5, "double_chin": 0.6, "face_fat": 0.5},
     "muscular": {"gender": 1.0, "muscle": 1.0, "weight": 0.62, "proportions": 0.8},
     "tall": {"gender": 0.8, "height": 2.0, "weight": 0.45},
@@ -227,15 +227,22 @@ def human_vertices(*, height: float | None = None, **shape: float) -> Float[Arra
     """The rest surface alone (metres), where no skeleton is needed. Parameters and errors as in `human`."""
     model = human_model()
     _check(model, height, shape)
-    still, taller, shorter = _shape_offsets(model, shape)
-    half = model.shape.base.ravel() + still
+    half, taller, shorter = _shape_halves(model, shape)
     if height is not None:
         half = half + _height_offset(half, taller, shorter, height)
-    vertices = _unfold(model, half.reshape(-1, 3))
+    vertices = _unfold(model, half)
     low, high = vertices[:, 1].min(), vertices[:, 1].max()
     scale = 1.0 if height is None else height / (high - low)
     hips = model.shape.regressor[0] @ vertices
     return (vertices - [0.0, low, hips[2]]) * scale
+
+
+def height_range(**shape: float) -> tuple[float, float]:
+    """Lowest and greatest height (metres) that MakeHuman's height scale gives a shape; beyond, bodies are scaled."""
+    model = human_model()
+    _check(model, None, shape)
+    half, taller, shorter = _shape_halves(model, shape)
+    return float(np.ptp((half + shorter)[:, 1])), float(np.ptp((half + taller)[:, 1]))
 
 
 def _check(model: HumanModel, height: float | None, shape: dict[str, float]) -> None:
@@ -259,8 +266,8 @@ def _levels(parameter: str, value: float) -> list[tuple[str, float]]:
     return [(below, 1.0 - share), (above, share)]
 
 
-def _shape_offsets(model: HumanModel, shape: dict[str, float]) -> tuple[Array, Array, Array]:
-    """Offsets of the left half: of the shape at middling height, and what full and no height add to it."""
+def _shape_halves(model: HumanModel, shape: dict[str, float]) -> tuple[Array, Array, Array]:
+    """The left half at middling height (half, 3), and the offsets that full and no height add to it."""
     value = {name: float(shape.get(name, neutral)) for name, (_, neutral, _) in PARAMETERS.items()}
     table, none = model.shape.macro, np.zeros(len(model.shape.basis))
     still, taller, shorter = none.copy(), none.copy(), none.copy()
@@ -279,31 +286,31 @@ def _shape_offsets(model: HumanModel, shape: dict[str, float]) -> tuple[Array, A
         average = f"{gender}-{age}-averagemuscle"
         still += g * a * excess * (table.get(f"{average}-maxweight", none) - table.get(f"{average}-averageweight", none))
     offsets = np.stack([still, taller, shorter]).astype(np.float32) @ model.shape.basis
-    still, taller, shorter = offsets.astype(np.float64)
+    still, taller, shorter = offsets.astype(np.float64).reshape(3, -1, 3)
     for name, amount in shape.items():
         if name not in PARAMETERS and amount:
             row = model.shape.detail[name + ("+" if amount > 0 else "-")]
-            still += model.shape.detail_rows[row] * (model.shape.detail_scale[row] * abs(amount))
-    return still, taller, shorter
+            scale = model.shape.detail_scale[row] * abs(amount)
+            still += model.shape.detail_rows[row].reshape(-1, 3) * scale
+    return model.shape.base + still, taller, shorter
 
 
 def _height_offset(half: Array, taller: Array, shorter: Array, height: float) -> Array:
-    """The share of MakeHuman's height scale that gives a height; at its ends where it does not reach that far."""
+    """The share of MakeHuman's height scale that gives a height; its end where it does not reach that far."""
 
-    def reached(share: float) -> float:
-        y = half[1::3] + (share * taller[1::3] if share > 0 else -share * shorter[1::3])
-        return float(y.max() - y.min())
+    def offset(share: float) -> Array:
+        return share * taller if share > 0 else -share * shorter
 
     low, high = -1.0, 1.0
     for _ in range(30):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if reached(middle) < height else (low, middle)
-    share = 0.5 * (low + high)
-    return share * taller if share > 0 else -share * shorter
+        reached = np.ptp(half[:, 1] + offset(middle)[:, 1])
+        low, high = (middle, high) if reached < height else (low, middle)
+    return offset(0.5 * (low + high))
 
 
 def _unfold(model: HumanModel, half: Float[Array, "half 3"]) -> Float[Array, "vertices 3"]:
     """Left and middle vertices, then the mirror images of the left ones."""
     left = len(model.mirror) - len(half)
-    half[left:, 0] = 0.0
-    return np.concatenate([half, half[:left] * [-1.0, 1.0, 1.0]])
+    middle = half[left:] * [0.0, 1.0, 1.0]
+    return np.concatenate([half[:left], middle, half[:left] * [-1.0, 1.0, 1.0]])

@@ -18,6 +18,11 @@ ENTER_SPEED = 0.12 / 0.9
 """Leg lengths a second below which a low point begins to rest."""
 LEAVE_SPEED = 0.25 / 0.9
 """Leg lengths a second above which a resting point has left."""
+ENTER_SHARE, LEAVE_SHARE = 0.06, 0.12
+"""The same as shares of the point's highest speed within `PEAK_WINDOW`: a running foot never stands as still as a
+walking one, but it is still against its own swing."""
+PEAK_WINDOW = 0.25
+"""Seconds, to both sides."""
 HEIGHT = 0.045 / 0.9
 """Leg lengths above its support at which a point can still rest (soft soles, noise of captured feet)."""
 SNAP = 0.04 / 0.9
@@ -45,12 +50,12 @@ class GroundContacts:
 
 
 def speeds(points: Float[Array, "frames points 3"], fps: float) -> Float[Array, "frames points"]:
-    """Speed of each point, m/s, by central differences over about a thirtieth of a second, so that the noise of a
+    """Speed of each point, m/s, by central differences over about a twentieth of a second, so that the noise of a
     120 Hz capture does not count as movement."""
     frames = len(points)
     if frames < 2:
         return np.zeros(points.shape[:2])
-    reach = max(1, int(round(fps / 60)))
+    reach = max(1, int(round(fps / 40)))
     ahead = np.minimum(np.arange(frames) + reach, frames - 1)
     behind = np.maximum(np.arange(frames) - reach, 0)
     return np.linalg.norm(points[ahead] - points[behind], axis=-1) * (fps / (ahead - behind))[:, None]
@@ -85,6 +90,12 @@ def _without_short_runs(on: Bool[Array, "frames"], least: int) -> Bool[Array, "f
     return on
 
 
+def _running_maximum(values: Float[Array, "frames points"], reach: int) -> Float[Array, "frames points"]:
+    """Largest value within ±reach frames."""
+    padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0).max(axis=-1)
+
+
 def sliding(
     points: Float[Array, "frames points 3"], still: Bool[Array, "frames points"], fps: float, leg_length: float
 ) -> Bool[Array, "frames points"]:
@@ -117,10 +128,11 @@ def ground_contacts(points: Float[Array, "frames points 3"], fps: float, leg_len
     stillness, nothing lower carries the body: so a foot held in the air beside a standing leg does not count.
     """
     speed = speeds(points, fps) / leg_length
-    slow = speed < ENTER_SPEED
+    peak = _running_maximum(speed, int(round(PEAK_WINDOW * fps)))
+    slow = speed < np.maximum(ENTER_SPEED, ENTER_SHARE * peak)
     floor = floor_height(points, slow, leg_length)
     height = points[..., 1] - floor
-    still = hysteresis(slow, speed < LEAVE_SPEED)
+    still = hysteresis(slow, speed < np.maximum(LEAVE_SPEED, LEAVE_SHARE * peak))
     low = height < HEIGHT * leg_length
     # A raised point must come to a real rest: half the speed, and not drift while it does.
     raised = hysteresis(speed < 0.5 * ENTER_SPEED, speed < ENTER_SPEED) & ~low

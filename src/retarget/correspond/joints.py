@@ -134,8 +134,7 @@ def _joints_named(names: NameScores) -> dict[str, int]:
     found: dict[str, int] = {}
     for canonical in REQUIRED_JOINTS:
         side = 1 if canonical.startswith("left") else -1 if canonical.startswith("right") else 0
-        part = canonical.removeprefix("left").removeprefix("right")
-        score = np.where(names.sides == side, names.parts[part], 0.0)
+        score = np.where(names.sides == side, names.parts[_part(canonical)], 0.0)
         score[list(found.values())] = 0.0
         if score.max() >= 0.5:
             found[canonical] = int(score.argmax())
@@ -146,18 +145,37 @@ def _match_by_names_alone(skeleton: Skeleton, tree: Tree, names: NameScores, bod
     """What the names say, for skeletons whose branches say nothing (all joints below the root, one arm lost)."""
     reason = "no trunk with two legs and two arms was found" if body is None else "its proportions are not those of a human"
     found = _joints_named(names)
-    if len(found) < 12 or names.foreign.any():
+    if len(found) < 12 or names.foreign.any() or not _limbs_agree(tree, found):
         raise _no_humanoid(skeleton, names, reason)
     try:
         human = humanoid_from_names(skeleton, {canonical: skeleton.names[joint] for canonical, joint in found.items()})
     except MatchError:
         raise _no_humanoid(skeleton, names, reason) from None
-    at = {name: tree.positions[joint] for name, joint in found.items()}
-    legs = [at[side + "LowerLeg"] - at[side + "UpperLeg"] for side in ("left", "right") if {side + "LowerLeg", side + "UpperLeg"} <= set(at)]
-    if legs:
-        _refuse_animal(skeleton, names, human.axes[1], np.array(legs))
-    confidence = {name: round(0.6 * float(names.parts[name.removeprefix("left").removeprefix("right")][joint]), 3) for name, joint in human.joints.items()}
+    knees = [tree.positions[found[name]] for name in ("leftLowerLeg", "rightLowerLeg") if name in found]
+    _refuse_animal(skeleton, names, human.axes[1], np.array(knees) - tree.positions[found.get("hips", 0)])
+    confidence = {name: round(0.6 * float(names.parts[_part(name)][joint]), 3) for name, joint in human.joints.items()}
     return replace(human, confidence=confidence, evidence="names")
+
+
+def _limbs_agree(tree: Tree, joints: dict[str, int]) -> bool:
+    """Limbs found by name have two like halves, and are alike on both sides."""
+    for parts in LIMB_PARTS.values():
+        both = []
+        for side in ("left", "right"):
+            nodes = [joints[side + part] for part in parts if side + part in joints]
+            if len(nodes) == 3:
+                both.append(np.linalg.norm(np.diff(tree.positions[nodes], axis=0), axis=1))
+        lengths = np.array(both).reshape(-1, 2)
+        if (lengths <= 0.0).any() or (np.abs(np.log(lengths[:, 0] / lengths[:, 1])) > np.log(2.5)).any():
+            return False
+        if len(lengths) == 2 and (np.abs(np.log(lengths[0] / lengths[1])) > np.log(1.4)).any():
+            return False
+    return True
+
+
+def _part(canonical: str) -> str:
+    """The part without its side: 'leftHand' is 'Hand'."""
+    return canonical.removeprefix("left").removeprefix("right")
 
 
 # --- from a reading to canonical names ----------------------------------------------------------------------------

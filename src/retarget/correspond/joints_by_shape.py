@@ -351,7 +351,7 @@ def bodies(tree: Tree, names: NameScores) -> list[Body]:
             if draft is not None:
                 drafts.append(draft)
     drafts.sort(key=lambda body: body.cost)
-    complete = [_with_head(tree, names, draft) for draft in drafts[:30]]
+    complete = [_with_head(tree, names, draft) for draft in drafts[:12]]
     return sorted(complete, key=lambda body: body.cost)
 
 
@@ -418,7 +418,7 @@ def _with_head(tree: Tree, names: NameScores, body: Body) -> Body:
                 shape = _head_cost(tree, node, shoulder.mean(axis=0), body.up, left, height)
                 shape += 0.4 * (body.arms.trunk != carrier)
                 fit = float(names.parts["head"][node])
-                other = max(names.best(node) - fit, 0.0)
+                other = max(names.best(node, but="spine") - fit, 0.0)  # Rigify's head is called spine.006
                 shape += 1.5 * sum(_forks(tree, up) for up in tree.path(top, node)[:-1])  # the face is not the head
                 cost = shape - 3.0 * fit + 1.5 * other + 2.0 * bool(names.auxiliary[node])
                 if cost < best:

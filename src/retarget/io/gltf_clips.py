@@ -67,30 +67,35 @@ def key_times(document: Document, accessor: int) -> Float[Array, "keys"]:
     return times
 
 
-def clip_timeline(document: Document, number: int, nodes: set[int]) -> Timeline | None:
-    """The grid of one animation as far as it moves the joints; None if it moves none of them."""
+def clip_inputs(document: Document, number: int, nodes: set[int]) -> frozenset[int]:
+    """Accessors of the key times by which an animation moves the nodes."""
     animation = document.json["animations"][number]
-    inputs = {
+    return frozenset(
         animation["samplers"][channel["sampler"]]["input"]
         for channel in animation["channels"]
         if channel["target"].get("node") in nodes and channel["target"]["path"] in ("translation", "rotation")
-    }
-    if not inputs:
-        return None
-    keys = [key_times(document, accessor) for accessor in inputs]
-    return timeline(np.unique(np.concatenate(keys)))
+    )
+
+
+def clip_timeline(document: Document, inputs: frozenset[int]) -> Timeline:
+    """The grid of all keys in these accessors."""
+    return timeline(np.unique(np.concatenate([key_times(document, accessor) for accessor in inputs])))
 
 
 def list_clips(document: Document, rig: Rig) -> tuple[tuple[Clip, ...], list[int], list[str]]:
     """Clips that move the skeleton, the animation behind each, and notes about those passed over."""
     clips, numbers, notes = [], [], []
+    grids: dict[frozenset[int], Timeline] = {}
     nodes = {int(node) for node in rig.nodes}
     for number, animation in enumerate(document.entries("animations")):
         name = animation.get("name") or f"clip_{number}"
-        grid = clip_timeline(document, number, nodes)
-        if grid is None:
+        inputs = clip_inputs(document, number, nodes)
+        if not inputs:
             notes.append(f"animation {name!r} moves no joint of the skeleton and is left out")
             continue
+        if inputs not in grids:
+            grids[inputs] = clip_timeline(document, inputs)
+        grid = grids[inputs]
         clips.append(Clip(name, grid.frames, grid.fps))
         numbers.append(number)
     return tuple(clips), numbers, notes
@@ -158,20 +163,19 @@ def read_motion(document: Document, rig: Rig, skeleton: Skeleton, number: int) -
     animation = document.json["animations"][number]
     name = animation.get("name") or f"clip_{number}"
     joint_of = {int(node): joint for joint, node in enumerate(rig.nodes)}
-    grid = clip_timeline(document, number, set(joint_of))
+    grid = clip_timeline(document, clip_inputs(document, number, set(joint_of)))
     groups: dict[tuple[str, int, str], list[tuple[int, Array]]] = {}
-    keys = 0
+    rows = 0
     for position, channel in enumerate(animation["channels"]):
         joint, path = joint_of.get(channel["target"].get("node")), channel["target"]["path"]
         if joint is None or path not in ("translation", "rotation"):
             continue
         accessor, mode, values = channel_values(document, number, position)
         groups.setdefault((path, accessor, mode), []).append((joint, values))
-        keys = max(keys, len(values))
-    # Twenty minutes at 30 frames a second, or 64 frames a key: more is a damaged time, not a motion.
-    if grid.frames > max(36_000, 64 * keys):
-        seconds = grid.frames / grid.fps
-        raise document.fail(f"the clip {name!r} claims {seconds:.3g} seconds with {keys} keys", f"animations[{number}]")
+        rows += len(values)
+        if max(rows, grid.frames * len(skeleton)) > document.room:
+            problem = f"the clip {name!r} claims {grid.frames / grid.fps:.3g} seconds, more than its data can fill"
+            raise document.fail(problem, f"animations[{number}]")
     shape = (grid.frames, len(skeleton))
     translations = np.broadcast_to(rig.translations, (*shape, 3)).copy()
     rotations = np.broadcast_to(rig.rotations, (*shape, 4)).copy()

@@ -26,8 +26,9 @@ MAGIC, JSON_CHUNK, BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 DTYPES = {code: np.dtype(name) for code, name in
           {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}.items()}  # fmt: skip
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-# Elements that an accessor without data of its own (all zeros) may have in any file.
-MAX_ZEROS = 1_000_000
+# What any file may unfold to in memory (elements of an accessor without data, vertices, frames times joints); beyond
+# that, as many as the file has bytes of data. So a small file cannot fill the memory by naming the same data many times.
+ROOM = 4_000_000
 
 # Extensions that change how a surface looks or add data we pass over; geometry and motion stay plain glTF.
 HARMLESS = {
@@ -64,6 +65,11 @@ class Document:
     """Chunks of a GLB beyond JSON and BIN, kept for the writer."""
     _arrays: dict[int, Array] = field(default_factory=dict, repr=False)
 
+    @property
+    def room(self) -> int:
+        """How many elements anything read from this file may have; see `ROOM`."""
+        return max(ROOM, sum(map(len, self.buffers)))
+
     def fail(self, problem: str, place: str = "") -> FileError:
         return FileError(self.path, problem, place)
 
@@ -94,7 +100,7 @@ class Document:
             stored = self._elements(
                 accessor["bufferView"], accessor.get("byteOffset", 0), count, width, dtype, place, True
             )
-        elif count > max(MAX_ZEROS, sum(map(len, self.buffers))):
+        elif count > self.room:
             raise self.fail(f"declares {count} elements without data", place)
         else:
             stored = np.zeros((count, width), dtype)

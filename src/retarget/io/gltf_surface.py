@@ -17,7 +17,6 @@ from retarget.io.gltf_weights import Influences, read_influences
 
 Array = np.ndarray
 
-MAX_VERTICES = 20_000_000
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
 
@@ -42,6 +41,8 @@ class Surface:
     repaired: dict[tuple[int, int], Influences] = field(default_factory=dict)
     """Weights that a written file must not repeat, by their accessors (JOINTS_0, WEIGHTS_0)."""
     count: int = 0
+    """Vertices so far."""
+    triangles: int = 0
 
     def column(self, joint: int, inverse_bind: Float[Array, "4 4"]) -> int:
         """The column of this joint and matrix: an earlier one where there is an equal."""
@@ -87,8 +88,8 @@ class Surface:
         points = self.document.floats(attributes["POSITION"], ("VEC3",))
         points = self._morphed(node, primitive, points, place)
         self.count += len(points)
-        if self.count > MAX_VERTICES:
-            raise self.document.fail(f"more than {MAX_VERTICES} vertices", place)
+        if self.count > self.document.room:
+            raise self.document.fail(f"the same data shown again and again: {self.count} vertices", place)
         self.vertices.append(points @ T_world_mesh[:3, :3].T + T_world_mesh[:3, 3])
         uvs = self.document.floats(attributes["TEXCOORD_0"], ("VEC2",)) if "TEXCOORD_0" in attributes else None
         if uvs is not None and len(uvs) != len(points):
@@ -128,6 +129,9 @@ class Surface:
         else:
             corners = np.arange(count)
         faces = triangles(corners, primitive.get("mode", TRIANGLES))
+        self.triangles += len(faces)
+        if self.triangles > self.document.room:
+            raise self.document.fail(f"the same data shown again and again: {self.triangles} triangles", place)
         self.faces.append(start + (faces[:, ::-1] if mirrored else faces))
         material = self.materials.setdefault(primitive.get("material"), len(self.materials))
         self.face_materials.append(np.full(len(faces), material))

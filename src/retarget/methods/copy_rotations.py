@@ -7,7 +7,7 @@ ground in the source is found and held in the result (`foot_lock`); all else is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -88,6 +88,8 @@ class PreparedCopy(Retargeter):
     """Height of the source's floor as its rest pose shows it, metres."""
     floor: float
     """Height of the target's floor, metres."""
+    first_step: list[Float[Array, "3"]] = field(default_factory=list)
+    """Where the hips of the first online frame are, once there was one: what `in_place` keeps of the path."""
 
     def __call__(self, motion: Motion) -> Result:
         """Retarget a clip. Raises `RetargetError` for a motion of another skeleton or without frames."""
@@ -123,6 +125,9 @@ class PreparedCopy(Retargeter):
         local = local_positions(skeleton, pose.translations[None], moved)
         rotations, positions = forward(skeleton.parents, pose.rotations[None], local)
         world, hips = self._copy(rotations, positions, self.source_floor)
+        if self.settings.in_place:
+            self.first_step[:] = self.first_step or [hips[0]]
+            hips = hips * [0, 1, 0] + self.first_step[0] * [1, 0, 1]
         result = self._motion(world, hips, None)
         return result.pose(0)
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from retarget.evaluate.cases import (
     with_other_joint_axes,
 )
 from retarget.evaluate.environment import environment
+from retarget.correspond.joints import REQUIRED_JOINTS
 from retarget.errors import RetargetError
 from retarget.io import load, save
 from retarget.methods import Result
@@ -67,7 +68,7 @@ def run(quick: bool = False) -> dict[str, Any]:
     """Every case once with and once without foot lock; then the tables."""
     rows = [measure(case) for case in cases(quick)]
     summary: dict[str, float | None] = match_rates()
-    for key in ("direction_error_deg", "orientation_error_deg", "foot_slide_cm", "floor_error_cm", "jerk_ratio"):
+    for key in ("direction_error_deg", "orientation_error_deg", "foot_slide_cm", "floor_error_cm", "jerk_ratio", "upper_jerk_ratio"):
         summary[key] = _mean(row[key] for row in rows)
     summary["round_trip_mm"] = round_trip_mm(quick)
     summary["two_skeletons_cm"] = two_skeletons_cm()
@@ -182,15 +183,18 @@ def _contact_figures(case: Case, held: Result) -> dict[str, float | None]:
 
 
 def _smoothness(case: Case, held: Result) -> dict[str, float | None]:
-    names = ("hips", "head", "leftHand", "rightHand", "leftFoot", "rightFoot")
+    def ratio(names: tuple[str, ...], length: Callable[[Actor], float]) -> float | None:
+        jerks = []
+        for actor, motion in ((case.source, case.motion), (case.target, held.motion)):
+            _, positions = world_pose(resample(motion, FPS))
+            chosen = positions[:, [actor.humanoid.joints[name] for name in names]]
+            jerks.append(metrics.jerk(chosen, FPS, length(actor)))
+        return jerks[1] / jerks[0] if jerks[0] > 1e-3 else None
 
-    def jerk(actor: Actor, motion: Motion) -> float:
-        _, positions = world_pose(resample(motion, FPS))
-        chosen = positions[:, [actor.humanoid.joints[name] for name in names]]
-        return metrics.jerk(chosen, FPS, leg_length(actor.skeleton, actor.humanoid))
-
-    before = jerk(case.source, case.motion)
-    return {"jerk_ratio": jerk(case.target, held.motion) / before if before > 1e-3 else None}
+    return {
+        "jerk_ratio": ratio(("hips", "leftFoot", "rightFoot"), lambda actor: leg_length(actor.skeleton, actor.humanoid)),
+        "upper_jerk_ratio": ratio(("head", "leftHand", "rightHand"), lambda actor: actor.height),
+    }
 
 
 def round_trip_mm(quick: bool) -> float:
@@ -236,7 +240,7 @@ def two_skeletons_cm() -> float | None:
         hips = target.humanoid.joints["hips"]
         results.append(positions - positions[:1, hips : hips + 1] * [1, 0, 1])
     frames = min(map(len, results))
-    chosen = [target.humanoid.joints[name] for name in target.humanoid.joints if "Thumb" not in name and "imal" not in name]
+    chosen = [target.humanoid.joints[name] for name in REQUIRED_JOINTS]
     return metrics.position_error_cm(results[0][:frames, chosen], results[1][:frames, chosen], target.height)
 
 
@@ -286,7 +290,7 @@ def _mean(values) -> float | None:
 
 
 def _table(rows: list[dict[str, Any]], summary: dict[str, Any]) -> list[str]:
-    keys = ("direction_error_deg", "orientation_error_deg", "foot_slide_cm", "source_slide_cm", "floor_error_cm", "jerk_ratio")
+    keys = ("direction_error_deg", "orientation_error_deg", "foot_slide_cm", "source_slide_cm", "floor_error_cm", "jerk_ratio", "upper_jerk_ratio")
     shown = lambda value: "      -" if value is None else f"{value:7.3f}"  # noqa: E731
     lines = [f"{'copy-rotations':44} " + " ".join(key.replace("_error", "")[:12].rjust(12) for key in keys)]
     for row in rows:
