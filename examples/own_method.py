@@ -29,7 +29,7 @@ class Prepared(Retargeter):
         for theirs, ours in self.pairs:
             rotations[:, ours] = motion.rotations[:, theirs]
         moved = Motion(self.target.skeleton, rotations, self.settings.scale * motion.translations[:, :1], motion.fps)
-        return Result(self.target.character, moved)
+        return Result(self.target, moved)
 
     def step(self, pose):
         raise RetargetError("this method takes whole clips")

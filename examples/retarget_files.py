@@ -17,8 +17,7 @@ def main(folder: Path, motion_file: Path, character_file: Path) -> None:
     production = prepare(cast(source, motion=motion), cast(target))  # joints matched, units and axes settled
     result = production(motion)
     output = folder / f"{character_file.stem}_{motion_file.stem}.glb"
-    # The character is written as it was read, so the motion goes back into that file's own unit and axes.
-    save(output, target.character, [production.in_file_space(result)])
+    result.save(output)  # the character as it was read, with one clip more, in its file's own unit and axes
     for note in result.stats["notes"]:
         print(note)
     print(f"{output}: {len(result.motion)} frames, status {result.status}")

@@ -35,7 +35,7 @@ class Maker:
         return self.add("bufferViews", {"buffer": 0, "byteOffset": start, "byteLength": len(data), **more})
 
     def accessor(self, values, dtype="f4", normalized=False, stride=0, sparse=False):
-        """An accessor. Normalised integers are encoded from reals; `stride` interleaves junk; `sparse` moves every other row."""
+        """An accessor. Normalised integers are encoded from reals; `stride` interleaves junk; `sparse` hides rows."""
         values = np.asarray(values, float)
         values = values[:, None] if values.ndim == 1 else values
         top = {"i1": 127, "u1": 255, "i2": 32767, "u2": 65535}.get(dtype)
@@ -116,15 +116,17 @@ PNG = base64.b64decode(
 
 
 def worm(
-    armature=None, joint_scale=None, mesh_node=None, placed=None, bind_turn=None, as_matrix=False, between=False,
+    armature=None, joint_scale=None, mesh_node=None, placed=None, bound=None, as_matrix=False, between=False,
     skins=1, weights_as="f4", joints_as="u1", turns_as="f4", positions_as="f4", sparse=False, stride=0,
     mode="LINEAR", sets=1, extra=0, prop=False, inverse_binds=True, fps=30.0, keys=5, clips=1, start=0.0, texture=False,
+    stretchy=False,
 ):  # fmt: skip
     """The tube with its skeleton and clips.
 
-    `armature`: transform of a node above the root; `joint_scale`: scale of the middle joint; `mesh_node`: transform of the
-    skinned mesh's own node (which must not matter); `placed`: world-from-mesh matrix at binding; `bind_turn`: the mesh was
-    bound with the middle joint turned so; `between`: a node outside the skin between two joints.
+    `armature`: transform of a node above the root; `joint_scale`: scale of the middle joint; `mesh_node`: transform of
+    the skinned mesh's own node (which must not matter); `placed`: world-from-mesh matrix at binding; `bound`:
+    rotations that nodes had at binding; `between`: a node outside the skin between two joints; `stretchy`: the middle
+    joint moves too.
     """
     m = Maker()
     nodes = [
@@ -159,7 +161,7 @@ def worm(
     points, faces, weights = tube()
     placed = np.eye(4) if placed is None else np.asarray(placed, float)
     stored = (np.c_[points, np.ones(len(points))] @ np.linalg.inv(placed).T)[:, :3]
-    world = node_worlds(m.json, {1: bind_turn} if bind_turn else {})
+    world = node_worlds(m.json, bound or {})
     binds = [np.linalg.inv(world[j]) @ placed for j in joints]
     which = np.tile([0, 1, 2, 0], (len(points), 1))
     four = np.c_[weights, np.zeros(len(points))]
@@ -197,7 +199,7 @@ def worm(
     m.add("scenes", {"nodes": roots})
     m.json["scene"] = 0
     for clip in range(clips):
-        add_clip(m, clip, nodes, mode, fps, keys, start, turns_as, as_matrix)
+        add_clip(m, clip, nodes, mode, fps, keys, start, turns_as, as_matrix, stretchy)
     for _ in range(extra):
         m.add("accessors", {"componentType": 5126, "count": 4, "type": "VEC3"})
     return m
@@ -218,7 +220,7 @@ def node_worlds(document, turned):
     return reference.world()
 
 
-def add_clip(m, number, nodes, mode, fps, keys, start, turns_as, as_matrix):
+def add_clip(m, number, nodes, mode, fps, keys, start, turns_as, as_matrix, stretchy):
     # A matrix node cannot be animated; such files get a clip on no node at all.
     if as_matrix:
         return
@@ -233,7 +235,8 @@ def add_clip(m, number, nodes, mode, fps, keys, start, turns_as, as_matrix):
         (1, "rotation", swing),
         (2, "rotation", nod),
         (0, "translation", np.array(path) * size),
-    ):
+        (1, "translation", [[0, 0.7 + 0.1 * np.sin(k), 0.02 * k] for k in range(keys)]),
+    )[: 4 if stretchy else 3]:
         values = np.asarray(values, float)
         if mode == "CUBICSPLINE":
             tangent = np.gradient(values, axis=0) * fps * 0.5

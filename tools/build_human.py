@@ -45,7 +45,11 @@ def build(path: Path) -> dict[str, np.ndarray]:
     row = {name: i for i, name in enumerate(names)}
 
     def body(gender: str, age: str, muscle: str = "average", weight: str = "average") -> np.ndarray:
-        return base.vertices + deltas[row[f"{gender}-{age}"]] + deltas[row[f"{gender}-{age}-{muscle}muscle-{weight}weight"]]
+        return (
+            base.vertices
+            + deltas[row[f"{gender}-{age}"]]
+            + deltas[row[f"{gender}-{age}-{muscle}muscle-{weight}weight"]]
+        )
 
     average = 0.5 * (body("female", "young") + body("male", "young"))
     joint_names, parents, cubes = rig.joint_table()
@@ -54,6 +58,7 @@ def build(path: Path) -> dict[str, np.ndarray]:
     skin = light_body(base, np.stack([average, *(body(*key) for key in KEY_BODIES)]), weights, joint_names)
     faces, mirror = skin.faces, skin.mirror
     combine = combination(skin.rows, len(base.vertices))
+    combine = smooth_chest(combine, faces, mirror, average) @ combine
     light_weights = rig.finish_weights(skin_rows(combine, weights, joint_names), faces, mirror, joint_names)
 
     details = symmetric(base, detail_targets(source, len(base.vertices)))
@@ -124,7 +129,11 @@ def whole_bodies(base: BaseMesh, row: dict[str, int], deltas: np.ndarray) -> np.
         kind = name.split("-")
         if len(kind) == 4:
             body = base.vertices + deltas[row["-".join(kind[:2])]] + deltas[i]
-            bodies += [body] + [body + 0.5 * deltas[row[f"{name}-{end}"]] for end in ("minheight", "maxheight") if f"{name}-{end}" in row]
+            bodies += [body] + [
+                body + 0.5 * deltas[row[f"{name}-{end}"]]
+                for end in ("minheight", "maxheight")
+                if f"{name}-{end}" in row
+            ]
     return np.array(bodies)
 
 
@@ -133,6 +142,31 @@ def combination(rows: list[dict[int, float]], count: int) -> sparse.csr_matrix:
     pointers = np.cumsum([0] + [len(row) for row in rows])
     values = [w for row in rows for w in row.values()]
     return sparse.csr_matrix((values, [v for row in rows for v in row], pointers), shape=(len(rows), count))
+
+
+def smooth_chest(
+    combine: sparse.csr_matrix, faces: np.ndarray, mirror: np.ndarray, average: np.ndarray, radius: float = 0.032
+) -> sparse.csr_matrix:
+    """Matrix that evens out the nipples, which would show through the painted shirt: rounds of neighbour averages.
+
+    A matrix, so that it holds for every shape alike.
+    """
+    vertices = combine @ average
+    high, low = np.quantile(vertices[:, 1], [0.75, 0.45])
+    front = (vertices[:, 0] > 0.03) & (vertices[:, 0] < 0.15) & (vertices[:, 1] > low) & (vertices[:, 1] < high)
+    shoulder = np.ptp(vertices[:, 1]) * 0.72 + vertices[:, 1].min()  # the breast lies a little below this height
+    near = front & (np.abs(vertices[:, 1] - shoulder) < 0.09)
+    tip = vertices[np.where(near, vertices[:, 2], -np.inf).argmax()]
+    inside = np.linalg.norm(vertices * np.where(vertices[:, :1] < 0, [-1, 1, 1], 1) - tip, axis=1) < radius
+    count = len(vertices)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    near = sparse.coo_matrix((np.ones(len(edges)), edges.T), shape=(count, count)).tocsr()
+    mean = sparse.diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near
+    once = sparse.diags(np.where(inside, 0.4, 1.0)) + sparse.diags(np.where(inside, 0.6, 0.0)) @ mean
+    total = sparse.identity(count, format="csr")
+    for _ in range(12):
+        total = once @ total
+    return total.tocsr()
 
 
 def skin_rows(combine: sparse.csr_matrix, weights: np.ndarray, joint_names: list[str]) -> np.ndarray:
@@ -161,7 +195,12 @@ def quantised(name: str, rows: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def name_places(
-    source: Source, base: BaseMesh, mesh: np.ndarray, skin: topology.Body, weights: np.ndarray, joints: dict[str, np.ndarray]
+    source: Source,
+    base: BaseMesh,
+    mesh: np.ndarray,
+    skin: topology.Body,
+    weights: np.ndarray,
+    joints: dict[str, np.ndarray],
 ) -> dict[str, np.ndarray]:
     """Parts, seams, landmarks, colour regions and texture as arrays."""
     labels = regions.part_labels(weights, list(joints))

@@ -31,6 +31,11 @@ CLIPS: dict[str, Callable[[Performer], Clip]] = {
     "wave": actions.wave,
     "hands_on_hips": gestures.hands_on_hips,
     "hand_to_shoulder": gestures.hand_to_shoulder,
+    "hand_on_belly": gestures.hand_on_belly,
+    "hands_behind_head": gestures.hands_behind_head,
+    "arms_crossed": gestures.arms_crossed,
+    "clap": gestures.clap,
+    "squat_hands_on_knees": gestures.squat_hands_on_knees,
 }
 STEPS = 32767
 """Quaternion components are stored as integers: 1 is this many."""

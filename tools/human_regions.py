@@ -71,20 +71,25 @@ def seams(faces: np.ndarray, parts: np.ndarray) -> list[tuple[int, int, list[int
 class Finder:
     """Finds landmark vertices on the average body by directions from its joints."""
 
-    def __init__(self, vertices: np.ndarray, joints: dict[str, np.ndarray], labels: np.ndarray, weights: np.ndarray) -> None:
+    def __init__(
+        self, vertices: np.ndarray, joints: dict[str, np.ndarray], labels: np.ndarray, weights: np.ndarray
+    ) -> None:
         self.vertices, self.joints, self.labels, self.weights = vertices, joints, labels, weights
         self.names = list(joints)
+        self.middle = vertices[:, 0] == 0
 
     def part(self, *names: str) -> np.ndarray:
         return np.isin(self.labels, [PARTS.index(name) for name in names])
 
     def ray(self, start: np.ndarray, direction: tuple[float, float, float] | np.ndarray, *parts: str) -> int:
-        """The vertex of these parts nearest to a ray."""
+        """The vertex of these parts nearest to a ray; a ray within the midplane finds a vertex of the midline."""
         direction = np.asarray(direction) / np.linalg.norm(direction)
         offset = self.vertices - start
         along = offset @ direction
         beside = np.linalg.norm(offset - along[:, None] * direction, axis=1)
-        return self.least(np.where(along > 0, beside, np.inf), self.part(*parts))
+        central = abs(start[0]) < 1e-9 and abs(direction[0]) < 1e-9
+        allowed = self.part(*parts) & (self.middle if central else True)
+        return self.least(np.where(along > 0, beside, np.inf), allowed)
 
     def least(self, value: np.ndarray, mask: np.ndarray) -> int:
         return int(np.where(mask, value, np.inf).argmin())
@@ -118,7 +123,9 @@ def landmarks(find: Finder, mirror: np.ndarray, eye_centre: int) -> dict[str, in
         "crotch": find.most((0, -1, 0), middle & find.part("pelvis", "leftThigh", "rightThigh")),
     }  # fmt: skip
     left = _left_head_and_trunk(find, x, y, z, eye_centre) | _left_arm(find) | _left_leg(find, y, z)
-    sided = {f"left{name}": v for name, v in left.items()} | {f"right{name}": int(mirror[v]) for name, v in left.items()}
+    sided = {f"left{name}": v for name, v in left.items()} | {
+        f"right{name}": int(mirror[v]) for name, v in left.items()
+    }
     return centre | dict(sorted(sided.items()))
 
 
@@ -270,7 +277,7 @@ def face_materials(
     region[smooth_region(vertices, faces, field["hair"])] = names.index("hair")
     region[clothed] = names.index("shirt")
     region[clothed & lower] = names.index("shorts")
-    region[smooth_region(vertices, faces, 0.01 * (lips - 0.5), softness=1e-4)] = names.index("lips")
+    region[smooth_region(vertices, faces, 0.02 * (lips - 0.5), softness=1e-5)] = names.index("lips")
     for k, face in enumerate(faces.tolist()):
         for kind, members in eyes.items():
             if frozenset(face) in members:

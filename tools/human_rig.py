@@ -141,7 +141,9 @@ def _fit_point(bodies: np.ndarray, goal: np.ndarray, mirror: np.ndarray | None, 
     distance = np.linalg.norm(bodies[0] - goal[0], axis=1)
     # The nearest vertices all lie to one side of a deep joint; those within three nearest distances are around it,
     # and the joints of the spine, which run close to the back, take in the belly as well.
-    near = np.flatnonzero(distance < max(3.0 * distance.min(), np.sort(distance)[60], 0.17 if mirror is not None else 0.0))
+    near = np.flatnonzero(
+        distance < max(3.0 * distance.min(), np.sort(distance)[60], 0.17 if mirror is not None else 0.0)
+    )
     if len(near) > candidates:
         near = near[np.linspace(0, len(near) - 1, candidates).astype(int)]
     if mirror is not None:

@@ -110,7 +110,9 @@ def macro_targets(source: Source, count: int) -> tuple[list[str], np.ndarray]:
         for age in ages:
             names.append(f"{gender}-{age}")
             races = ("african", "asian", "caucasian")
-            deltas.append(np.mean([read_target(source, f"macrodetails/{r}-{gender}-{age}", count) for r in races], axis=0))
+            deltas.append(
+                np.mean([read_target(source, f"macrodetails/{r}-{gender}-{age}", count) for r in races], axis=0)
+            )
             for level in levels:
                 kind = f"{gender}-{age}-{level}"
                 files = {kind: f"macrodetails/universal-{kind}"}

@@ -35,7 +35,12 @@ def bake(source: Source, body: Body, vertices: np.ndarray, parts: np.ndarray, wa
     for mask, file in MASKS.items():
         amount = mask_at(source, file, uvs)[:, None]
         color += 0.8 * amount * (np.array(MATERIALS["lips"] if mask == "lips" else NAIL) - color)
-    for name, inside in (("hair", field["hair"]), ("hair", wardrobe.brow(points)), ("shorts", field["shorts"]), ("shirt", field["shirt"])):
+    for name, inside in (
+        ("hair", field["hair"]),
+        ("hair", wardrobe.brow(points)),
+        ("shorts", field["shorts"]),
+        ("shirt", field["shirt"]),
+    ):
         color[inside > 0] = MATERIALS[name]
     eye = np.zeros(len(body.faces), bool)
     eye[[frozenset(f) in set().union(*body.eye_faces.values()) for f in body.faces.tolist()]] = True
@@ -50,7 +55,9 @@ def bake(source: Source, body: Body, vertices: np.ndarray, parts: np.ndarray, wa
     image = image.reshape(SIZE, FINE, SIZE, FINE, 3).mean(axis=(1, 3))
     encoded = np.where(image < 0.0031308, 12.92 * image, 1.055 * image ** (1 / 2.4) - 0.055)
     out = io.BytesIO()
-    Image.fromarray(np.round(encoded * 255).astype(np.uint8)).quantize(128, dither=Image.Dither.NONE).save(out, "PNG", optimize=True)
+    Image.fromarray(np.round(encoded * 255).astype(np.uint8)).quantize(128, dither=Image.Dither.NONE).save(
+        out, "PNG", optimize=True
+    )
     return out.getvalue()
 
 

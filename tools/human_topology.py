@@ -235,7 +235,12 @@ def unfold(half: Half, triangles: dict[Face, Face]) -> Body:
         ours = np.array([[index[v] for v in face] for face in members])
         eyes[kind] = {frozenset(face) for face in np.concatenate([ours, mirror[ours]]).tolist()}
     return Body(
-        rows, np.concatenate([faces, mirror[faces][:, ::-1]]), mirror, np.array(half.uvs)[kept], face_uvs.reshape(-1, 3), eyes
+        rows,
+        np.concatenate([faces, mirror[faces][:, ::-1]]),
+        mirror,
+        np.array(half.uvs)[kept],
+        face_uvs.reshape(-1, 3),
+        eyes,
     )
 
 

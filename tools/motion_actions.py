@@ -51,7 +51,7 @@ def run(performer: Performer) -> Clip:
             start[side] = Stand(x, z, SIGN[side] * 4.0)
             continue
         steps.append(Step(
-            side, lands - 2 * pace + standing, lands, x, z, SIGN[side] * 4.0, push=58.0, strike=3.0, height=0.19,
+            side, lands - 2 * pace + standing, lands, x, z, SIGN[side] * 4.0, push=58.0, strike=0.0, height=0.19,
             kick=1.5, kick_time=0.33, roll_start=0.38, settle=0.04,
         ))  # fmt: skip
     planted = place_feet(performer, act, t, start, steps)
@@ -97,7 +97,7 @@ def jump(performer: Performer) -> Clip:
     act.trunk[:, 0] = rad(26) * crouch - rad(7) * stretch + rad(5) * bump(t, off + 0.15, down, down + 0.4)
     act.look[:, 1] = rad(9) * crouch - rad(8) * stretch
     swing = [
-        (0.0, arm()), (0.42, arm(flex=8)), (0.9, arm(flex=-46, abduct=14, elbow=14)),
+        (0.0, arm()), (0.42, arm(flex=8, abduct=12)), (0.9, arm(flex=-46, abduct=14, elbow=14)),
         (1.08, arm(flex=15, abduct=14, elbow=38)),
         (off + 0.07, arm(**{"raise": 12}, flex=118, abduct=22, internal=5, elbow=32, wrist=-8)),
         (off + 0.26, arm(**{"raise": 8}, flex=92, abduct=34, internal=5, elbow=28, wrist=5)),

@@ -1,4 +1,4 @@
-"""The clips in which a standing person's hands touch the body."""
+"""The clips in which a standing person's hands touch the body, and the one that the demonstration shows."""
 
 from __future__ import annotations
 
@@ -7,92 +7,221 @@ from motion_body import SIDES, SIGN, Performer
 from motion_clip import Clip
 from motion_hands import Hold
 from motion_pose import Channels, arm
-from motion_reach import keep_out, reach
-from motion_steps import feet_apart, keep_within_reach, lay_soles, place_feet
-from motion_time import clock, ease
+from motion_reach import Times, reach, solve_places
+from motion_steps import Stand, feet_apart, keep_within_reach, lay_soles, place_feet
+from motion_time import FPS, bump, clock, ease, keyed
 from motion_walk import Gait, live, stand_height, walk_body, walk_steps
 
 Array = np.ndarray
+rad = np.radians
 PADS = ("IndexPad", "MiddlePad", "RingPad", "LittlePad")
-AKIMBO = dict(flex=-15, abduct=45, internal=50, elbow=100, pronate=20, wrist=-35, adduct=-15, index=15, middle=15, ring=15, little=15)
-ACROSS = dict(**{"raise": 4, "forward": 14}, flex=68, abduct=-22, internal=40, elbow=125, pronate=20, wrist=-5, index=15, middle=15, ring=15, little=15)
+FLAT = dict(index=12, middle=12, ring=12, little=12)
+OTHER = {"left": "right", "right": "left"}
 
 
-def standing(performer: Performer, seconds: float, seed: int) -> tuple[Channels, Array, dict[str, Array]]:
+def standing(performer: Performer, seconds: float, seed: int, start: dict[str, Stand] | None = None) -> tuple[Channels, Array, dict[str, Array]]:
     """Somebody who stands and breathes: (channels, times, planted feet)."""
     t = clock(seconds)
     act = Channels(len(t))
-    planted = place_feet(performer, act, t, feet_apart(), [])
+    planted = place_feet(performer, act, t, start or feet_apart(), [])
     act.hips[:] = [0.0, stand_height(performer), -0.004]
     live(act, t, seed)
     return act, t, planted
 
 
-def finish(performer: Performer, name: str, act: Channels, planted: dict[str, Array], touches: list[tuple[float, float, str, str]]) -> Clip:
-    """The clip of channels whose feet and hands are in place; `touches` are (start, end, part, part)."""
-    return Clip.of(performer, name, act, planted, touches)
+def stand_firm(performer: Performer, act: Channels, planted: dict[str, Array]) -> None:
+    """Legs that reach and soles on the floor; before the hands are placed, because it moves the body."""
+    keep_within_reach(performer, act)
+    lay_soles(performer, act, planted)
 
 
-def hip_hold(side: str) -> Hold:
+def during(times: Times | Array, margin: float = 0.0) -> tuple[float, float]:
+    """The part of a hold in which its contact is stated to be closed."""
+    return times[1] + 0.1 + margin, times[2] - 0.07
+
+
+def hip_hold(side: str) -> tuple[Hold, Array]:
     sign = SIGN[side]
     place = {side + "HipSide": 0.1, side + "Waist": 0.5, side + "HipFront": 0.4}
-    return Hold(
+    hold = Hold(
         side, ("IndexBase", *PADS, "ThumbPad"), ("pelvis", "abdomen", side + "Thigh"), {"Palm": place},
-        fingers=(-sign * 0.35, -0.35, 0.87), palm=(-sign * 0.8, -0.45, -0.45),
+        fingers=(-sign * 0.35, -0.35, 0.87), palm=(-sign * 0.8, -0.45, -0.45), away=(sign * 0.85, -0.05, 0.5),
     )  # fmt: skip
+    return hold, arm(flex=-15, abduct=45, internal=50, elbow=100, pronate=20, wrist=-35, adduct=-15, **FLAT)
 
 
-def shoulder_hold(side: str) -> Hold:
+def shoulder_hold(side: str) -> tuple[Hold, Array]:
     """The hand of `side` on the other shoulder."""
-    sign, other = SIGN[side], "right" if side == "left" else "left"
+    sign, other = SIGN[side], OTHER[side]
     place = {other + "ShoulderTop": 0.35, other + "ShoulderFront": 0.45, other + "ShoulderTip": 0.2}
-    return Hold(
+    hold = Hold(
         side, ("IndexBase", "LittleBase", *PADS), ("chest", other + "UpperArm", "neck"), {"Palm": place},
-        fingers=(-sign * 0.5, 0.5, -0.7), palm=(sign * 0.15, -0.7, -0.7),
+        fingers=(-sign * 0.5, 0.5, -0.7), palm=(sign * 0.15, -0.7, -0.7), away=(-sign * 0.1, 0.5, 0.85),
     )  # fmt: skip
+    return hold, arm(**{"raise": 4, "forward": 14}, flex=68, abduct=-22, internal=40, elbow=125, pronate=20, wrist=-5, **FLAT)
+
+
+def touch(performer: Performer, act: Channels, t: Array, placed: tuple[Hold, Array], times: Times, lift: float = 0.07) -> None:
+    hold, guess = placed
+    reach(performer, act, t, [hold], [guess], [times], lift)
 
 
 def hands_on_hips(performer: Performer) -> Clip:
     act, t, planted = standing(performer, 4.4, 11)
     ready = ease(t, 0.5, 1.4) * (1 - ease(t, 3.3, 4.2))
-    act.trunk[:, 0] -= np.radians(2.5) * ready
+    act.trunk[:, 0] -= rad(2.5) * ready
     act.hips[:, 0] += 0.012 * ready
-    act.turn[:, 2] -= np.radians(1.2) * ready
-    act.trunk[:, 2] += np.radians(1.0) * ready
-    act.look[:, 0] += np.radians(9) * ease(t, 1.5, 2.1) * (1 - ease(t, 2.6, 3.4))
+    act.turn[:, 2] -= rad(1.2) * ready
+    act.trunk[:, 2] += rad(1.0) * ready
+    act.look[:, 0] += rad(9) * ease(t, 1.5, 2.1) * (1 - ease(t, 2.6, 3.4))
+    stand_firm(performer, act, planted)
     times = {"left": (0.35, 1.3, 3.2, 4.15), "right": (0.42, 1.4, 3.27, 4.2)}
-    keep_within_reach(performer, act)
-    lay_soles(performer, act, planted)
     for side in SIDES:
-        put_on_hip(performer, act, t, side, times[side])
-    touches = [(times[side][1] + 0.1, times[side][2] - 0.07, side + "Hand", "pelvis") for side in SIDES]
-    return finish(performer, "hands_on_hips", act, planted, touches)
-
-
-def put_on_hip(performer: Performer, act: Channels, t: Array, side: str, times: tuple[float, float, float, float]) -> None:
-    sign = SIGN[side]
-    reach(performer, act, t, hip_hold(side), arm(**AKIMBO), times, away=(sign * 0.85, -0.05, 0.5))
-    keep_out(performer, act, side, times[0], times[1])
-    keep_out(performer, act, side, times[2], times[3])
-
-
-def put_on_shoulder(performer: Performer, act: Channels, t: Array, side: str, times: tuple[float, float, float, float]) -> None:
-    reach(performer, act, t, shoulder_hold(side), arm(**ACROSS), times, away=(-SIGN[side] * 0.1, 0.5, 0.85), lift=0.08)
-    keep_out(performer, act, side, times[0], times[1])
-    keep_out(performer, act, side, times[2], times[3])
+        touch(performer, act, t, hip_hold(side), times[side])
+    return Clip.of(performer, "hands_on_hips", act, planted, [(*during(times[side]), side + "Hand", "pelvis") for side in SIDES])
 
 
 def hand_to_shoulder(performer: Performer) -> Clip:
     act, t, planted = standing(performer, 4.4, 12)
     ready = ease(t, 0.5, 1.5) * (1 - ease(t, 3.2, 4.2))
-    act.trunk[:, 1] -= np.radians(5) * ready
-    act.trunk[:, 2] -= np.radians(1.5) * ready
-    act.look += np.radians([-12, 5, -2]) * (ease(t, 0.7, 1.5) * (1 - ease(t, 2.8, 3.7)))[:, None]
-    keep_within_reach(performer, act)
-    lay_soles(performer, act, planted)
+    act.trunk[:, 1] -= rad(5) * ready
+    act.trunk[:, 2] -= rad(1.5) * ready
+    act.look += rad([-12, 5, -2]) * (ease(t, 0.7, 1.5) * (1 - ease(t, 2.8, 3.7)))[:, None]
+    stand_firm(performer, act, planted)
     times = (0.4, 1.5, 3.1, 4.2)
-    put_on_shoulder(performer, act, t, "left", times)
-    return finish(performer, "hand_to_shoulder", act, planted, [(times[1] + 0.1, times[2] - 0.07, "leftHand", "chest")])
+    touch(performer, act, t, shoulder_hold("left"), times, 0.08)
+    return Clip.of(performer, "hand_to_shoulder", act, planted, [(*during(times), "leftHand", "chest")])
+
+
+def hand_on_belly(performer: Performer) -> Clip:
+    """The right hand lies on a belly that breathes."""
+    act, t, planted = standing(performer, 4.6, 21)
+    ready = ease(t, 0.4, 1.4) * (1 - ease(t, 3.3, 4.4))
+    act.trunk[:, 0] += rad(3.0) * ready - rad(1.6) * bump(t, 1.5, 2.5, 3.4)
+    act.look += rad([-3, 14, 1]) * (ease(t, 0.5, 1.3) * (1 - ease(t, 2.9, 3.9)))[:, None]
+    act.hips[:, 0] += 0.01 * ready
+    stand_firm(performer, act, planted)
+    hold = Hold(
+        "right", ("Palm", "IndexBase", "LittleBase", *PADS), ("abdomen", "pelvis", "chest"), {"Palm": {"navel": 0.8, "belly": 0.2}},
+        fingers=(0.95, -0.25, 0.05), palm=(0.05, 0.0, -1.0), away=(-0.3, 0.0, 0.95),
+    )  # fmt: skip
+    times = (0.35, 1.35, 3.3, 4.35)
+    touch(performer, act, t, (hold, arm(flex=8, abduct=22, internal=55, elbow=85, pronate=5, wrist=0, **FLAT)), times)
+    return Clip.of(performer, "hand_on_belly", act, planted, [(*during(times), "rightHand", "abdomen")])
+
+
+def hands_behind_head(performer: Performer) -> Clip:
+    """Both hands behind the head, elbows out, the chest open."""
+    act, t, planted = standing(performer, 4.8, 22)
+    ready = ease(t, 0.5, 1.6) * (1 - ease(t, 3.4, 4.5))
+    act.trunk[:, 0] -= rad(5) * ready
+    act.look += rad([3, -5, 0]) * (ease(t, 0.8, 1.8) * (1 - ease(t, 3.2, 4.2)))[:, None]
+    act.hips[:, 2] += 0.008 * ready
+    stand_firm(performer, act, planted)
+    holds, guesses = [], []
+    for side in SIDES:
+        sign = SIGN[side]
+        place = {"backOfHead": 0.75, side + "Ear": 0.25}
+        up = 0.45 if side == "left" else 0.15
+        holds.append(Hold(
+            side, (*PADS, "MiddleMid", "RingMid"), ("head", "neck"), {"MiddleNear": place},
+            fingers=(-sign * 0.9, up, -0.25), palm=(-sign * 0.35, 0.0, 0.93), away=(sign * 0.6, 0.25, -0.75),
+        ))  # fmt: skip
+        guesses.append(arm(**{"raise": 18, "forward": 0}, flex=62, abduct=112, internal=-55, elbow=132, pronate=20, wrist=0, **FLAT))
+    times = [(0.35, 1.6, 3.35, 4.6), (0.43, 1.68, 3.3, 4.55)]
+    reach(performer, act, t, holds, guesses, times, lift=0.06)
+    window = during((0, max(each[1] for each in times), min(each[2] for each in times), 0))
+    return Clip.of(performer, "hands_behind_head", act, planted, [(*window, side + "Hand", "head") for side in SIDES])
+
+
+def arms_crossed(performer: Performer) -> Clip:
+    """Forearms over the chest, the right one in front, each hand on the other upper arm."""
+    act, t, planted = standing(performer, 5.0, 23)
+    ready = ease(t, 0.5, 1.6) * (1 - ease(t, 3.5, 4.6))
+    act.hips[:, 0] -= 0.016 * ready
+    act.turn[:, 2] += rad(-1.8) * ready
+    act.trunk[:, 2] += rad(2.0) * ready
+    act.trunk[:, 0] -= rad(1.5) * ready
+    act.look[:, 0] -= rad(10) * ease(t, 1.7, 2.3) * (1 - ease(t, 2.9, 3.6))
+    stand_firm(performer, act, planted)
+    holds, guesses = [], []
+    for side in SIDES:
+        sign, other, front = SIGN[side], OTHER[side], side == "right"
+        place = {other + "UpperArmFront": 0.55, other + "ElbowInside": 0.25, other + "UpperArmBack": 0.2}
+        holds.append(Hold(
+            side, ("IndexBase", *PADS), (other + "UpperArm", other + "Forearm"), {"Palm": place},
+            fingers=(-sign * 0.9, 0.35, -0.1 if front else 0.0), palm=(-sign * 0.25, -0.2, -0.95), away=(-sign * 0.25, 0.0 if front else -0.1, 1.0),
+        ))  # fmt: skip
+        guesses.append(arm(**{"forward": 10}, flex=38 if front else 28, abduct=-2, internal=62, elbow=103, pronate=20, wrist=0, **FLAT))
+    times = [(0.35, 1.4, 3.75, 4.7), (0.55, 1.7, 3.5, 4.5)]
+    reach(performer, act, t, holds, guesses, times, lift=0.09, close=0.4)
+    window = during((0, times[1][1], times[1][2], 0))
+    touches = [(*window, "leftHand", "rightUpperArm"), (*window, "rightHand", "leftUpperArm")]
+    return Clip.of(performer, "arms_crossed", act, planted, touches)
+
+
+def clap(performer: Performer) -> Clip:
+    """The palms meet three times before the chest."""
+    act, t, planted = standing(performer, 3.8, 24)
+    beats = (1.25, 1.78, 2.31)
+    ready = ease(t, 0.35, 1.0) * (1 - ease(t, 2.6, 3.5))
+    pulse = sum(bump(t, beat - 0.22, beat, beat + 0.25) for beat in beats)
+    act.trunk[:, 0] += rad(1.0) * ready + rad(0.8) * pulse
+    act.look[:, 1] += rad(3) * ready + rad(1.2) * pulse
+    act.hips[:, 1] -= 0.004 * pulse
+    stand_firm(performer, act, planted)
+    holds, guesses = [], []
+    for side in SIDES:
+        sign, meets = SIGN[side], side == "left"
+        holds.append(Hold(
+            side, ("Palm", "IndexBase", "LittleBase", *PADS) if meets else (), ("rightHand",) if meets else (),
+            {"MiddleBase": {"rightMiddleBase": 1.0}} if meets else {"MiddleBase": {"chest": 0.5, "navel": 0.5}},
+            fingers=(sign * 0.02, 0.62 if meets else 0.5, 0.8), palm=(-sign, 0.0, 0.0), away=(sign * 0.8, -0.1 * sign, -0.15),
+            ahead=0.0 if meets else 0.27, pull=0.25 if meets else 0.5, aim=0.05 if meets else 0.2,
+        ))  # fmt: skip
+        guesses.append(arm(flex=30, abduct=8, internal=34, elbow=88, pronate=4, wrist=-8, index=4, middle=4, ring=4, little=4, thumb=0))
+    frame = int(round(beats[1] * FPS))
+    contacts, hovers = solve_places(performer, act, frame, holds, guesses, lift=0.11)
+    near = keyed(t, [(0, 0), (beats[0] - 0.25, 0), *_claps(beats), (9, 0)], soft=0.7)[:, None]
+    for hold, contact, hover, late in zip(holds, contacts, hovers, (0.0, 0.03), strict=True):
+        own = (ease(t, 0.3 + late, 1.0) * (1 - ease(t, 2.5 - late, 3.45)))[:, None]
+        act.arms[hold.side] = act.arms[hold.side] * (1 - own) + (hover + (contact - hover) * near) * own
+    return Clip.of(performer, "clap", act, planted, [(beat - 0.034, beat + 0.034, "leftHand", "rightHand") for beat in beats])
+
+
+def _claps(beats: tuple[float, ...]) -> list[tuple[float, float]]:
+    """How closed the hands are: fast together, a moment closed, slower apart."""
+    keys = []
+    for beat in beats:
+        keys += [(beat - 0.12, 0.45), (beat - 0.075, 1.0), (beat + 0.075, 1.0), (beat + 0.15, 0.6), (beat + 0.27, 0.0)]
+    return keys
+
+
+def squat_hands_on_knees(performer: Performer) -> Clip:
+    """Down into a half squat, a hand on each knee, and up again."""
+    act, t, planted = standing(performer, 5.0, 25, feet_apart(0.34, 14.0))
+    down = ease(t, 0.4, 1.7) * (1 - ease(t, 3.4, 4.7))
+    act.hips[:, 1] -= 0.012 + 0.262 * down
+    act.hips[:, 2] -= 0.135 * down
+    act.turn[:, 1] += rad(30) * down
+    act.trunk[:, 0] += rad(24) * down - rad(3) * bump(t, 1.7, 2.6, 3.4)
+    act.look[:, 1] += rad(12) * down
+    for side in SIDES:
+        act.knees[side] += SIGN[side] * rad(14) * down
+    stand_firm(performer, act, planted)
+    holds, guesses = [], []
+    for side in SIDES:
+        sign = SIGN[side]
+        holds.append(Hold(
+            side, ("PalmHeel", "IndexBase", "LittleBase", *PADS, "ThumbPad"), (side + "Thigh", side + "Shin"),
+            {"Palm": {side + "Knee": 0.8, side + "ThighFront": 0.2}}, fingers=(-sign * 0.3, -0.75, 0.6), palm=(-sign * 0.1, -0.65, -0.75),
+            away=(sign * 0.3, 0.5, 0.8),
+        ))  # fmt: skip
+        guesses.append(arm(**{"forward": 8}, flex=48, abduct=14, internal=30, elbow=28, pronate=45, wrist=-15, adduct=-15, **FLAT))
+    times = [(0.45, 1.7, 3.4, 4.5), (0.5, 1.76, 3.36, 4.46)]
+    reach(performer, act, t, holds, guesses, times)
+    window = during((0, 1.76, 3.36, 0))
+    return Clip.of(performer, "squat_hands_on_knees", act, planted, [(*window, side + "Hand", side + "Thigh") for side in SIDES])
 
 
 def demo(performer: Performer) -> Clip:
@@ -104,19 +233,16 @@ def demo(performer: Performer) -> Clip:
     amount = walk_body(performer, act, t, feet_apart(), steps, Gait())
     live(act, t, 13, 1 - 0.7 * amount)
     done = max(step.land for step in steps)
-    hips = {"left": (done - 0.05, done + 0.8, done + 1.95, done + 3.0), "right": (done + 0.02, done + 0.9, done + 3.75, done + 4.7)}
+    hips = {"left": (done - 0.05, done + 0.8, done + 1.95, done + 2.75), "right": (done + 0.02, done + 0.9, done + 3.75, done + 4.7)}
     shoulder = (done + 2.0, done + 2.85, done + 3.8, done + 4.75)
-    hips["left"] = (*hips["left"][:3], done + 2.75)
     ready = ease(t, done, done + 0.9)
-    act.trunk[:, 0] -= np.radians(2.0) * ready * (1 - ease(t, done + 3.6, done + 4.6))
+    act.trunk[:, 0] -= rad(2.0) * ready * (1 - ease(t, done + 3.6, done + 4.6))
     twist = ease(t, shoulder[0], shoulder[1]) * (1 - ease(t, shoulder[2], shoulder[3]))
-    act.trunk[:, 1] -= np.radians(5) * twist
-    act.look += np.radians([-12, 5, -2]) * (twist * (1 - ease(t, shoulder[2] - 0.4, shoulder[2])))[:, None]
-    keep_within_reach(performer, act)
-    lay_soles(performer, act, planted)
+    act.trunk[:, 1] -= rad(5) * twist
+    act.look += rad([-12, 5, -2]) * (twist * (1 - ease(t, shoulder[2] - 0.4, shoulder[2])))[:, None]
+    stand_firm(performer, act, planted)
     for side in SIDES:
-        put_on_hip(performer, act, t, side, hips[side])
-    put_on_shoulder(performer, act, t, "left", shoulder)
-    touches = [(hips[side][1] + 0.1, hips[side][2] - 0.07, side + "Hand", "pelvis") for side in SIDES]
-    touches.append((shoulder[1] + 0.1, shoulder[2] - 0.07, "leftHand", "chest"))
-    return finish(performer, "demo", act, planted, touches)
+        touch(performer, act, t, hip_hold(side), hips[side])
+    touch(performer, act, t, shoulder_hold("left"), shoulder, 0.08)
+    touches = [(*during(hips[side]), side + "Hand", "pelvis") for side in SIDES]
+    return Clip.of(performer, "demo", act, planted, [*touches, (*during(shoulder), "leftHand", "chest")])

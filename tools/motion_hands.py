@@ -1,4 +1,4 @@
-"""Hands on the body: the vertices of palms and fingers, and arms solved so that they lie on the skin."""
+"""Hands on the body: what a hand does there, and arms solved so that it lies on the skin."""
 
 from __future__ import annotations
 
@@ -9,13 +9,40 @@ import numpy as np
 from motion_body import SIDES, Performer
 from motion_pose import ARM, LIMITS, Channels, pose, pose_arm
 from motion_time import FPS, ease
-from motion_touch import Aim, Apart, Meet, Problem, Touch, faces_of
+from motion_touch import Aim, Apart, Meet, PosedSurface, Problem, Touch, faces_of
 
 from retarget.motion.filter import gaussian
 
 Array = np.ndarray
+Direction = tuple[float, float, float]
 STIFF = np.array([40, 40, 10, 10, 10, 10, 10, 10, 15, 8, 8, 8, 5, 5, 5, 5, 12]) * 1e-3
 """How much each arm angle resists being changed from the guess: metres of contact error that a radian is worth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hold:
+    """What one hand does on the body, in words that do not depend on the mesh."""
+
+    side: str
+    points: Sequence[str] = ()
+    """Marks of this arm (without the side) that touch: 'Palm', 'IndexPad', ..."""
+    parts: Sequence[str] = ()
+    """Parts of the body that they touch."""
+    near: dict[str, dict[str, float]] | None = None
+    """Mark of this arm: place on the body that it shall be near, a mix of up to three landmarks."""
+    fingers: Direction | None = None
+    """World direction from the wrist to the tip of the middle finger."""
+    palm: Direction | None = None
+    """World direction that the palm faces."""
+    away: Direction = (0.0, 0.0, 1.0)
+    """World direction in which the hand comes and goes."""
+    ahead: float = 0.0
+    """Metres in front of the body (+Z) of the places in `near`."""
+    pull: float = 0.25
+    aim: float = 0.05
+    touch: float = 3.0
+    clear: Sequence[str] = ()
+    """Other arms that this arm may pass through (it is not looked at then)."""
 
 
 def limb_vertices(performer: Performer, side: str) -> Array:
@@ -36,63 +63,6 @@ def part_faces(performer: Performer, *parts: str) -> Array:
     return faces_of(performer, performer.part(*parts))
 
 
-@dataclass(frozen=True, eq=False)
-class Hold:
-    """What one hand does on the body, in words that do not depend on the mesh."""
-
-    side: str
-    points: Sequence[str]
-    """Landmarks of this side (without its name) that touch: 'Palm', 'IndexTip', ..."""
-    parts: Sequence[str]
-    """Parts of the body that they touch."""
-    near: dict[str, dict[str, float]]
-    """Landmark of this side: place on the body that it shall be near, a mix of up to three landmarks."""
-    fingers: tuple[float, float, float] | None = None
-    """World direction from wrist to middle fingertip that is wanted."""
-    palm: tuple[float, float, float] | None = None
-    """World direction that the palm faces."""
-    pull: float = 0.25
-    aim: float = 0.05
-    clear: Sequence[str] = ()
-    """Further arms that are left out of what this arm must not enter."""
-    soft: float = 3.0
-    """Weight of the touching points."""
-
-
-def arm_problem(performer: Performer, act: Channels, frame: int, hold: Hold, lift: float = 0.0, away: tuple[float, float, float] = (0, 0, 0)) -> Problem:
-    """The problem of one arm at one frame of a clip. `lift` metres keep the hand off the skin (no touch is asked then)."""
-    side = hold.side
-    rotations, hips = one_frame(performer, act, frame)
-
-    def build(angles: Array) -> tuple[Array, Array]:
-        turns = np.repeat(rotations, len(angles), axis=0)
-        pose_arm(performer, side, angles, turns)
-        return turns, np.repeat(hips, len(angles), axis=0)
-
-    points = np.array([performer.landmark(side + name) for name in hold.points])
-    touches = [Touch(points, part_faces(performer, *hold.parts), hold.soft)] if lift == 0 else []
-    meets = []
-    for mine, other in hold.near.items():
-        names = (list(other) * 3)[:3]
-        mix = np.array([other[name] if i < len(other) else 0.0 for i, name in enumerate(names)])
-        corners = np.array([performer.landmark(name) for name in names])
-        meets.append(Meet(performer.landmark(side + mine), corners, mix, hold.pull, lift, away))
-    aims = []
-    if hold.fingers:
-        aims += [Aim(performer.landmark(side + "WristOutside"), performer.landmark(side + "MiddleTip"), hold.fingers, hold.aim)]
-    if hold.palm:
-        aims += [Aim(performer.landmark(side + "BackOfHand"), performer.landmark(side + "Palm"), hold.palm, hold.aim)]
-    apart = Apart(limb_vertices(performer, side), body_faces(performer, side, *hold.clear), margin=0.0 if lift == 0 else 0.006)
-    return Problem(performer, build, LIMITS[:, 0], LIMITS[:, 1], STIFF, touches, meets, aims, (apart,))
-
-
-def settle(problem: Problem, guess: Array) -> Array:
-    """The arm of a guess brought to its place: first hand and fingers where and how they are wanted, then the skin."""
-    free = replace(problem, touches=(), aparts=(), aims=[replace(aim, weight=4 * aim.weight) for aim in problem.aims])
-    placed = free.solve(guess, rounds=25)
-    return problem.solve(placed, rounds=30)
-
-
 def one_frame(performer: Performer, act: Channels, frame: int) -> tuple[Array, Array]:
     """Rotations (1, joints, 4) and hips (1, 3) of one frame."""
     part = Channels(1)
@@ -103,39 +73,76 @@ def one_frame(performer: Performer, act: Channels, frame: int) -> tuple[Array, A
     return pose(performer, part)
 
 
-def held(performer: Performer, problem: Problem, angles: Array, hold: Hold, weight: float = 0.6) -> tuple[Meet, ...]:
+def arm_problem(performer: Performer, act: Channels, frame: int, holds: Sequence[Hold], lift: float = 0.0) -> Problem:
+    """The problem of one arm, or of both together, at one frame of a clip; its angles are those of each hold in turn.
+
+    `lift` metres keep the hands off the skin: no touch is asked then, and the arms keep a little more distance.
+    """
+    rotations, hips = one_frame(performer, act, frame)
+
+    def build(angles: Array) -> tuple[Array, Array]:
+        turns = np.repeat(rotations, len(angles), axis=0)
+        for hold, own in zip(holds, np.split(angles, len(holds), axis=1), strict=True):
+            pose_arm(performer, hold.side, own, turns)
+        return turns, np.repeat(hips, len(angles), axis=0)
+
+    touches, meets, aims, aparts = [], [], [], []
+    for hold in holds:
+        mark = lambda name, side=hold.side: performer.landmark(side + name)  # noqa: E731
+        if hold.points and not lift:
+            touches.append(Touch(np.array([mark(name) for name in hold.points]), part_faces(performer, *hold.parts), hold.touch))
+        shift = tuple(np.multiply(hold.away, lift) + np.array([0.0, 0.0, hold.ahead]))
+        for mine, place in (hold.near or {}).items():
+            names = (list(place) * 3)[:3]
+            mix = np.array([place[name] if i < len(place) else 0.0 for i, name in enumerate(names)])
+            meets.append(Meet(mark(mine), np.array([performer.landmark(name) for name in names]), mix, hold.pull, shift))
+        if hold.fingers:
+            aims.append(Aim(mark("WristOutside"), mark("MiddleTip"), hold.fingers, hold.aim))
+        if hold.palm:
+            aims.append(Aim(mark("BackOfHand"), mark("Palm"), hold.palm, hold.aim))
+        faces = body_faces(performer, hold.side, *hold.clear)
+        aparts.append(Apart(limb_vertices(performer, hold.side), faces, margin=0.006 if lift else 0.0))
+    low, high, stiff = (np.tile(values, len(holds)) for values in (LIMITS[:, 0], LIMITS[:, 1], STIFF))
+    return Problem(performer, build, low, high, stiff, touches, meets, aims, aparts)
+
+
+def settle(problem: Problem, guess: Array) -> Array:
+    """Arms of a guess brought to their place: first hands and fingers where and how they are wanted, then the skin."""
+    free = replace(problem, touches=(), aparts=(), aims=[replace(aim, weight=4 * aim.weight) for aim in problem.aims])
+    return problem.solve(free.solve(guess, rounds=25), rounds=35)
+
+
+def anchored(performer: Performer, problem: Problem, angles: Array, weight: float = 0.6) -> tuple[Meet, ...]:
     """The points of the skin that the touching points lie on in a solved pose: they stay together while it is held."""
     posed = performer.skin(performer.world(*problem.build(angles[None])))[0]
-    from motion_touch import PosedSurface
+    meets = []
+    for touch in problem.touches:
+        face, mix, _, _ = PosedSurface(posed, performer.faces, touch.faces).nearest(posed[touch.points])
+        meets += [Meet(int(p), performer.faces[f], m, weight) for p, f, m in zip(touch.points, face, mix, strict=True)]
+    return tuple(meets)
 
-    points = np.array([performer.landmark(hold.side + name) for name in hold.points])
-    face, mix, _, _ = PosedSurface(posed, performer.faces, problem.touches[0].faces).nearest(posed[points])
-    return tuple(Meet(int(p), performer.faces[f], m, weight) for p, f, m in zip(points, face, mix, strict=True))
 
+def keep_hold(performer: Performer, act: Channels, holds: Sequence[Hold], start: float, end: float, reach: float = 0.25) -> None:
+    """Correct arms over the frames of a contact (seconds) so that it stays closed while the body lives.
 
-def keep_hold(performer: Performer, act: Channels, hold: Hold, start: float, end: float, reach: float = 0.25) -> None:
-    """Correct one arm over the frames of a contact (seconds) so that it stays closed while the body lives.
-
-    The first frame's skin points are kept through the contact; the corrections fade out over `reach` seconds on
-    either side, where the arm only has to stay outside the body.
+    Each touching point keeps its place on the skin; the corrections fade out over `reach` seconds on either side.
     """
-    side = hold.side
     first, last = int(round(start * FPS)), int(round(end * FPS))
-    angles = act.arms[side]
+    angles = np.concatenate([act.arms[hold.side] for hold in holds], axis=1)
     middle = (first + last) // 2
-    problem = arm_problem(performer, act, middle, hold)
+    problem = arm_problem(performer, act, middle, holds)
     solved = problem.solve(angles[middle], rounds=14)
-    anchors = held(performer, problem, solved, hold)
-    correction = np.zeros((last - first + 1, len(ARM)))
+    anchors = anchored(performer, problem, solved)
+    correction = np.zeros((last - first + 1, angles.shape[1]))
     for order in (range(middle, last + 1), range(middle, first - 1, -1)):
         delta = solved - angles[middle]
         for frame in order:
-            here = replace(arm_problem(performer, act, frame, hold), meets=anchors, aims=())
+            here = replace(arm_problem(performer, act, frame, holds), meets=anchors, aims=())
             delta = here.solve(angles[frame] + delta, guess=angles[frame] + delta, rounds=5) - angles[frame]
             correction[frame - first] = delta
-    fade = int(round(reach * FPS))
     frames = np.arange(act.frames)
-    held_correction = correction[np.clip(frames - first, 0, len(correction) - 1)]
-    share = ease(frames.astype(float), first - fade, first) * (1 - ease(frames.astype(float), last, last + fade))
-    smooth = gaussian(held_correction, 1.0)
-    act.arms[side] = angles + smooth * share[:, None]
+    widened = gaussian(correction[np.clip(frames - first, 0, len(correction) - 1)], 1.0)
+    fade, at = int(round(reach * FPS)), frames.astype(float)
+    share = ease(at, first - fade, first) * (1 - ease(at, last, last + fade))
+    for k, hold in enumerate(holds):
+        act.arms[hold.side] = act.arms[hold.side] + (widened * share[:, None])[:, k * len(ARM) : (k + 1) * len(ARM)]

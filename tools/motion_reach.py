@@ -1,7 +1,8 @@
-"""A hand that goes to its place on the body, stays, and comes back: in time, and never through the body."""
+"""Hands that go to their place on the body, stay, and come back: in time, and never through the body."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,36 +15,50 @@ from motion_touch import PosedSurface
 from retarget.motion.filter import gaussian
 
 Array = np.ndarray
+Times = tuple[float, float, float, float]
 LATE = np.array([-0.05, -0.04, -0.02, -0.02, 0.0, 0.0, 0.02, 0.05, 0.05, *[0.07] * 3, 0.05, 0.06, 0.07, 0.08, 0.05])
 """Seconds by which each arm angle follows: the shoulder leads, wrist and fingers trail."""
 
 
-def reach(
-    performer: Performer, act: Channels, t: Array, hold: Hold, guess: Array, times: tuple[float, float, float, float],
-    away: tuple[float, float, float], lift: float = 0.07, close: float = 0.3, back: Array | None = None,
-) -> None:  # fmt: skip
-    """Let one hand touch from times[1] to times[2]; it sets out at times[0] and is back at times[3].
-
-    The contact pose is solved on the skin, then a pose `lift` metres off it in the direction `away`; the way leads from
-    what the arm does anyway through the second to the first within `close` seconds, and back.
-    """
-    start, arrive, leave, end = times
-    angles = act.arms[hold.side]
-    frame = int(round(0.5 * (arrive + leave) * FPS))
-    contact = settle(arm_problem(performer, act, frame, hold), guess)
-    off = arm_problem(performer, act, frame, hold, lift, away)
-    hover = off.solve(contact, rounds=25)
+def solve_places(
+    performer: Performer, act: Channels, frame: int, holds: Sequence[Hold], guesses: Sequence[Array], lift: float
+) -> tuple[list[Array], list[Array]]:  # fmt: skip
+    """(contact poses, poses `lift` metres off) of the arms at one frame."""
+    contact = settle(arm_problem(performer, act, frame, holds), np.concatenate(guesses))
+    off = arm_problem(performer, act, frame, holds, lift).solve(contact, rounds=25)
+    contacts, hovers = np.split(contact, len(holds)), np.split(off, len(holds))
     fingers = ARM.index("adduct")
-    hover[fingers:] = 0.5 * (hover + angles[frame])[fingers:]
+    for hold, hover in zip(holds, hovers, strict=True):
+        hover[fingers:] = 0.5 * (hover + act.arms[hold.side][frame])[fingers:]
+    return contacts, hovers
+
+
+def reach(
+    performer: Performer, act: Channels, t: Array, holds: Sequence[Hold], guesses: Sequence[Array], times: Sequence[Times],
+    lift: float = 0.07, close: float = 0.3,
+) -> None:  # fmt: skip
+    """Let hands touch. Each sets out at its times[0], touches from times[1] to times[2] and is back at times[3].
+
+    The contact poses are solved on the skin together, then poses `lift` metres off it; the way leads from what the arm
+    does anyway through the second to the first within `close` seconds, and back.
+    """
+    arrive, leave = max(each[1] for each in times), min(each[2] for each in times)
+    frame = int(round(0.5 * (arrive + leave) * FPS))
+    contacts, hovers = solve_places(performer, act, frame, holds, guesses, lift)
     when = t[:, None] - LATE
-    near = ease(when, arrive - close, arrive) * (1 - ease(when, leave, leave + close))
-    own = ease(when, start, arrive - 0.25 * close) * (1 - ease(when, leave + 0.25 * close, end))
-    path = hover + (contact - hover) * near
-    act.arms[hold.side] = angles * (1 - own) + path * own
-    keep_hold(performer, act, hold, arrive + 0.05, leave - 0.02)
+    for hold, contact, hover, own_times in zip(holds, contacts, hovers, times, strict=True):
+        start, comes, goes, end = own_times
+        near = ease(when, comes - close, comes) * (1 - ease(when, goes, goes + close))
+        own = ease(when, start, comes - 0.25 * close) * (1 - ease(when, goes + 0.25 * close, end))
+        path = hover + (contact - hover) * near
+        act.arms[hold.side] = act.arms[hold.side] * (1 - own) + path * own
+    keep_hold(performer, act, holds, arrive + 0.05, leave - 0.02)
+    for hold in holds:
+        keep_out(performer, act, hold.side, min(each[0] for each in times), arrive, hold.clear)
+        keep_out(performer, act, hold.side, leave, max(each[3] for each in times), hold.clear)
 
 
-def sunk(performer: Performer, act: Channels, side: str, frames: Array, clear: tuple[str, ...] = ()) -> Array:
+def sunk(performer: Performer, act: Channels, side: str, frames: Array, clear: Sequence[str] = ()) -> Array:
     """How deep the arm lies in the rest of the body at some frames, metres (0 where it does not)."""
     limb, faces = limb_vertices(performer, side), body_faces(performer, side, *clear)
     depth = []
@@ -55,7 +70,7 @@ def sunk(performer: Performer, act: Channels, side: str, frames: Array, clear: t
 
 
 def keep_out(
-    performer: Performer, act: Channels, side: str, start: float, end: float, clear: tuple[str, ...] = (), rounds: int = 3
+    performer: Performer, act: Channels, side: str, start: float, end: float, clear: Sequence[str] = (), rounds: int = 4
 ) -> None:  # fmt: skip
     """Bend the way of an arm between two times (seconds) so that it leaves the body where it would sink in by over 1 mm."""
     frames = np.arange(max(int(start * FPS), 0), min(int(end * FPS) + 1, act.frames))
@@ -65,12 +80,11 @@ def keep_out(
             return
         correction = np.zeros_like(act.arms[side])
         for frame in frames[depth > 0.0008]:
-            problem = arm_problem(performer, act, int(frame), Hold(side, (), (), {}, clear=clear), lift=1e-9)
-            problem = replace(problem, aparts=tuple(replace(apart, margin=0.002) for apart in problem.aparts), prior=problem.prior * 0.5)
+            problem = arm_problem(performer, act, int(frame), [Hold(side, clear=clear)])
+            problem = replace(problem, aparts=[replace(apart, margin=0.002) for apart in problem.aparts], prior=problem.prior * 0.5)
             angles = act.arms[side][frame]
             correction[frame] = problem.solve(angles, rounds=8) - angles
-        # Widened before it is smoothed, so that the frames in need keep what they need.
-        peak = np.abs(correction).max(axis=1)
+        # Smoothing takes some of what the frames in need were given: give it back to all.
+        peak = np.abs(correction).max(axis=1).max()
         spread = gaussian(correction, 2.0)
-        gain = peak.max() / max(np.abs(spread).max(axis=1).max(), 1e-9)
-        act.arms[side] = act.arms[side] + spread * min(gain, 3.0)
+        act.arms[side] = act.arms[side] + spread * min(peak / max(np.abs(spread).max(), 1e-9), 3.0)

@@ -101,9 +101,8 @@ class Meet:
     mix: Array
     """Their weights, (3,)."""
     weight: float = 0.3
-    out: float = 0.0
-    """Metres by which the goal is lifted along the direction `lift`."""
-    lift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Metres in the world by which the goal lies off that place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +199,7 @@ class Problem:
             if len(meets):
                 mix = np.array([meet.mix for meet in meets])
                 goal = np.einsum("vk,bvkj->bvj", mix, vertices[:, at[3].reshape(-1, 3)])
-                goal = goal + np.array([np.multiply(meet.lift, meet.out) for meet in meets])
+                goal = goal + np.array([meet.shift for meet in meets])
                 miss = (vertices[:, at[2]] - goal) * np.array([meet.weight for meet in meets])[:, None]
                 parts.append(miss.reshape(len(angles), -1))
             if len(aims):

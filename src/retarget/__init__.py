@@ -1,7 +1,7 @@
 """Any motion onto any body.
 
     from retarget import retarget
-    result = retarget("dance.bvh", "knight.glb")
+    retarget("dance.bvh", "knight.glb").save("knight_dance.glb")
 
 The names below are the front door; each is loaded when first used, so importing the package costs next to nothing.
 """
@@ -20,19 +20,25 @@ if TYPE_CHECKING:
     from retarget.correspond.joints import match_humanoid
     from retarget.errors import FileError, MatchError, RetargetError
     from retarget.io import load, save
+    from retarget.io.asset import Asset
     from retarget.methods import METHODS, Result
+    from retarget.motion.align import Actor
     from retarget.motion.library import embedded_motion, motion_names
-    from retarget.retargeting import Hints, cast, prepare, retarget
+    from retarget.retargeting import Hints, Production, cast, prepare, retarget, save_results
 
 _HOME = {
     "retarget": "retargeting",
     "prepare": "retargeting",
+    "Production": "retargeting",
+    "save_results": "retargeting",
     "cast": "retargeting",
     "Hints": "retargeting",
     "load": "io",
     "save": "io",
     "METHODS": "methods",
     "Result": "methods",
+    "Actor": "motion.align",
+    "Asset": "io.asset",
     "Skeleton": "character",
     "Mesh": "character",
     "PointCloud": "character",

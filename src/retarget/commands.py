@@ -16,7 +16,7 @@ from retarget.io import MOTION_SUFFIXES, check_output, load
 from retarget.io.asset import Asset
 from retarget.methods.base import Result
 from retarget.motion.filter import cut, resample
-from retarget.retargeting import Hints, Production, cast, prepare, save_result
+from retarget.retargeting import Hints, Production, cast, prepare, save_results
 
 log = logging.getLogger("retarget")
 
@@ -47,16 +47,14 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     """Retarget every motion onto the target and write the results."""
     files = list(_motion_files(order.motions))
     one_file_each = order.output.is_dir() or not order.output.suffix
-    if one_file_each:
-        order.output.mkdir(parents=True, exist_ok=True)
-    else:
+    names = _result_files(files, order) if one_file_each else []
+    if not one_file_each:
         check_output(order.output)
     source_hints, target_hints = _hints(order)
-    target_asset = load(order.target)
-    target = cast(target_asset, target_hints)
+    target = cast(order.target, target_hints)
     done, waiting = [], []
     with _progress(progress, len(files)) as advance:
-        for file in files:
+        for number, file in enumerate(files):
             asset = load(file)
             for clip in _wanted_clips(asset, order):
                 motion = _trimmed(asset.motion(clip), order)
@@ -64,20 +62,34 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
                 started = time.perf_counter()
                 result = production(motion)
                 done.append(_report_clip(file, motion, result, production, time.perf_counter() - started))
-                waiting.append((result, production))
+                waiting.append(result)
             if one_file_each:
-                name = order.output / f"{file.stem}_{order.target.stem}{_suffix(order.target)}"
-                _write(name, waiting, target_asset, order, done)
+                order.output.mkdir(parents=True, exist_ok=True)
+                _write(names[number], waiting, order, done)
                 waiting = []
             advance()
     if not one_file_each:
-        _write(order.output, waiting, target_asset, order, done)
+        _write(order.output, waiting, order, done)
     lines = [line for each in done for line in _lines_of(each)]
     return {"clips": done, "lines": lines}
 
 
-def _write(path: Path, waiting: list[tuple[Result, Production]], target: Asset, order: Order, done: list[dict]) -> None:
-    save_result(path, [result for result, _ in waiting], waiting[0][1], target.character, animation_only=order.animation_only)
+def _result_files(files: list[Path], order: Order) -> list[Path]:
+    """Where each result goes in the output folder. Refuses what could not be a folder, and two results of one name."""
+    existing = next(path for path in (order.output, *order.output.absolute().parents) if path.exists())
+    if not existing.is_dir():
+        raise FileError(order.output, f"cannot be made a folder: {existing} is a file; name the output file.glb, or another folder")
+    names: dict[Path, Path] = {}
+    for file in files:
+        name = order.output / f"{file.stem}_{order.target.stem}{_suffix(order.target)}"
+        if name in names:
+            raise FileError(name, f"two results would have this name, of {names[name]} and of {file}; rename one, or run them apart")
+        names[name] = file
+    return list(names)
+
+
+def _write(path: Path, waiting: list[Result], order: Order, done: list[dict]) -> None:
+    save_results(path, waiting, animation_only=order.animation_only)
     for each in done[len(done) - len(waiting) :]:
         each["output"] = str(path)
 
@@ -102,7 +114,8 @@ def _hints(order: Order) -> tuple[Hints, Hints]:
     if order.map_file is not None:
         from retarget.correspond.map_file import read_map
 
-        source_joints, target_joints = read_map(order.map_file)
+        tables = read_map(order.map_file)
+        source_joints, target_joints = tables["source"] or None, tables["target"] or None
     return Hints(source_joints, order.up, order.unit), Hints(target_joints, order.target_up, order.target_unit)
 
 
@@ -113,7 +126,7 @@ def _wanted_clips(asset: Asset, order: Order) -> list[int]:
         if not asset_motion_names:
             asset.motion(order.clip)  # raises, naming the nearest
         return [names.index(order.clip)]
-    if order.all_clips:
+    if order.all_clips and names:
         return list(range(len(names)))
     if len(names) > 1:
         log.warning("%s holds %d clips; taking the first, %r (--clip NAME or --all-clips to choose)", asset.path, len(names), names[0])
@@ -249,7 +262,7 @@ def write_joint_map(source: Path, target: Path, output: Path) -> dict[str, Any]:
 
 def write_body(output: Path, preset: str | None, shape: Mapping[str, float], components: list[str], motion: str | None) -> dict[str, Any]:
     """Write the embedded human, still or performing an embedded motion."""
-    from retarget.body.human import PRESETS, human
+    from retarget.body.human import PRESETS, human, human_model
     from retarget.errors import unknown_name
     from retarget.io import save
 
@@ -261,6 +274,8 @@ def write_body(output: Path, preset: str | None, shape: Mapping[str, float], com
             finer[name] = float(value)
         except ValueError:
             raise RetargetError(f"--shape takes NAME=VALUE with a number, received {text!r}") from None
+        if name not in human_model().detail_names:
+            raise unknown_name("shape component", name, human_model().detail_names, "the embedded human")
     if preset is not None and preset not in PRESETS:
         raise unknown_name("preset", preset, PRESETS, "the embedded human")
     character = human(**(PRESETS[preset] if preset else {}) | dict(shape) | finer, name=output.stem)
@@ -311,6 +326,8 @@ def run_bench(name: str, quick: bool, json_file: Path | None) -> dict[str, Any]:
 
     if name not in BENCHES:
         raise unknown_name("bench", name, BENCHES, "this version")
+    if json_file is not None and not json_file.parent.is_dir():
+        raise FileError(json_file, f"the folder {json_file.parent} does not exist")
     report = load_bench(name).run(quick=quick)
     if json_file is not None:
         temporary = json_file.with_name(json_file.name + ".part")

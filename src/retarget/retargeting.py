@@ -6,18 +6,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from retarget.body.skinning import rest_vertices
 from retarget.character import Character, Motion
-from retarget.correspond.joints import Humanoid, humanoid_from_names, match_humanoid
+from retarget.correspond.joints import REQUIRED_JOINTS, Humanoid, humanoid_from_names, match_humanoid
 from retarget.errors import FileError, MatchError, RetargetError, unknown_name
 from retarget.io import load, save
 from retarget.io.asset import Asset, Convention
 from retarget.methods import METHODS, Method, Result, Retargeter
 from retarget.motion.align import Actor, make_actor
+
+NEEDED = tuple(name for name in REQUIRED_JOINTS if name != "spine")
+"""The joints without which no method has limbs to move."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ def open_asset(subject: str | Path | Asset) -> Asset:
 
 
 def cast(subject: str | Path | Asset | Character, hints: Hints | None = None, motion: Motion | None = None) -> Actor:
-    """Match the joints of a character or skeleton and bring it into the house's space.
+    """Match the joints of a character or skeleton and bring it into metres with +Y up.
 
     `motion`, in the file's own space, shows which way the body stands. Raises `MatchError` for a body that is no
     humanoid and `FileError` for a file without skeleton.
@@ -57,17 +60,29 @@ def cast(subject: str | Path | Asset | Character, hints: Hints | None = None, mo
 
 def _humanoid(character: Character, joints: Mapping[str, str] | None) -> Humanoid:
     try:
-        return humanoid_from_names(character.skeleton, joints) if joints else match_humanoid(character.skeleton)
+        humanoid = humanoid_from_names(character.skeleton, joints) if joints else match_humanoid(character.skeleton)
+        missing = tuple(name for name in NEEDED if name not in humanoid.joints)
+        if missing:
+            lines = ", ".join(f'{name} = "name of the joint"' for name in missing)
+            raise MatchError(f"no joint was found for {', '.join(missing)}; name what the body has in a map file, a line each: {lines}", missing)
+        return humanoid
     except MatchError as error:
         raise MatchError(f"{character.name}: {error}" if character.name else str(error), error.missing) from None
 
 
 def choose_method(name: str = "auto", settings: Mapping[str, Any] | None = None) -> Method:
-    """A method by name with its settings. 'auto' is the one that the table of docs/architecture.md gives for the pair."""
+    """A method by name with its settings; 'auto' is the one that docs/architecture.md gives for the pair.
+
+    Raises `RetargetError` for a method or a setting that does not exist.
+    """
     if name == "auto":
         name = "copy-rotations"
     if name not in METHODS:
         raise unknown_name("method", name, METHODS, "this version")
+    known = [each.name for each in fields(METHODS[name])]
+    for setting in settings or {}:
+        if setting not in known:
+            raise unknown_name("setting", setting, known, f"the method {name}")
     return METHODS[name](**(settings or {}))
 
 
@@ -78,51 +93,57 @@ class Production:
     source: Actor
     target: Actor
     retargeter: Retargeter
+    """Works in metres with +Y up on both sides; call this to skip the source file's unit and axes."""
 
     def __call__(self, motion: Motion) -> Result:
-        """Retarget one clip of the source file, given in that file's own space."""
+        """Retarget one clip of the source, given in the source file's own unit and axes."""
         result = self.retargeter(self.source.house_from_file.motion(motion))
-        result.stats["notes"] = [f"source: {note}" for note in self.source.notes] + [f"target: {note}" for note in self.target.notes]
-        return result
-
-    def in_file_space(self, result: Result) -> Motion:
-        """The result as the target's file wants it: its own unit and axes."""
-        return self.target.house_from_file.inverse().motion(result.motion)
+        notes = [f"source: {note}" for note in self.source.notes] + [f"target: {note}" for note in self.target.notes]
+        return replace(result, stats=result.stats | {"notes": notes})
 
 
 def prepare(source: Actor, target: Actor, method: str | Method = "auto", **settings: Any) -> Production:
-    """Match a source and a target once. Raises `RetargetError` for an unknown method or bodies that do not match."""
+    """Match a source and a target once, for many clips.
+
+    Settings are the method's fields (`CopyRotations`: foot_lock, limits, in_place). Raises `RetargetError` for an unknown
+    method or setting, or bodies that do not match.
+    """
     chosen = method if isinstance(method, Method) else choose_method(method, settings)
     return Production(source, target, chosen.prepare(source, target))
 
 
 def retarget(
-    motion: str | Path | Motion,
-    target: str | Path | Character,
+    motion: str | Path | Asset | Motion,
+    target: str | Path | Asset | Character,
     *,
+    source: str | Path | Asset | Character | None = None,
     clip: str | int | None = None,
     method: str | Method = "auto",
     source_hints: Hints | None = None,
     target_hints: Hints | None = None,
     **settings: Any,
 ) -> Result:
-    """Put a motion on a body.
+    """Put a motion on a body; `.save(path)` writes it.
 
-    Takes files or nouns; a `Motion` or `Character` handed in is in the house's space (metres, +Y up). `clip` names the
-    animation of a file with several; further keywords are settings of the method. Raises `RetargetError` (and its kin)
-    for input that cannot be used.
+    Takes files, assets or nouns; a `Motion` or `Character` handed in is in metres with +Y up. `source` is the body that
+    performs the motion, where the motion's own file has none. `clip` names the animation of a file with several. Further
+    keywords are settings of the method (`prepare`). The result is in metres; saving leads it back into the target file's
+    own unit and axes. Raises `RetargetError` (and its kin) for input that cannot be used.
     """
     if isinstance(motion, Motion):
-        moving, source = motion, cast(Character(motion.skeleton, name="the motion's skeleton"), source_hints, motion)
+        moving, performer = motion, source if source is not None else Character(motion.skeleton, name="the motion")
     else:
-        asset = load(motion)
-        moving = asset.motion(clip)
-        source = cast(asset, source_hints, moving)
+        asset = open_asset(motion)
+        moving, performer = asset.motion(clip), source if source is not None else asset
     if len(moving) == 0:
         raise RetargetError("the motion has no frames")
-    return prepare(source, cast(target, target_hints), method, **settings)(moving)
+    performing = cast(performer, source_hints, moving)
+    return prepare(performing, cast(target, target_hints), method, **settings)(moving)
 
 
-def save_result(path: str | Path, results: Sequence[Result], production: Production, original: Character, **options: Any) -> None:
-    """Write retargeted clips with the target they were made for, in the target file's own space."""
-    save(path, original, [production.in_file_space(result) for result in results], **options)
+def save_results(path: str | Path, results: Sequence[Result], **options: Any) -> None:
+    """Write several clips of one target into one file. Raises `RetargetError` where the targets differ."""
+    target = results[0].target
+    if any(result.target is not target for result in results):
+        raise RetargetError("results of different targets cannot share a file")
+    save(path, target.original, [result.file_motion for result in results], **options)

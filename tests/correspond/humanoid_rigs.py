@@ -16,18 +16,48 @@ from retarget.character import Skeleton
 
 # A standing human of 1.75 m in a T pose, metres, Y up, facing +Z; the left side.
 PLACES = {
-    "ground": (0, 0, 0), "hips": (0, 0.95, 0), "pelvis": (0, 0.93, 0.0), "waist": (0, 1.02, -0.01), "spine": (0, 1.06, -0.01),
-    "spine2": (0, 1.14, -0.02), "chest": (0, 1.22, -0.03), "chest2": (0, 1.3, -0.03), "upperChest": (0, 1.36, -0.03),
-    "neck": (0, 1.48, -0.02), "neck2": (0, 1.53, -0.01), "head": (0, 1.58, 0.0), "headTop": (0, 1.76, 0.0),
-    "eye": (0.032, 1.65, 0.08), "jaw": (0, 1.6, 0.03), "jawTip": (0, 1.56, 0.09), "breast": (0.08, 1.28, 0.1),
-    "clavicle": (0.03, 1.43, 0.0), "upperArm": (0.17, 1.44, -0.02), "lowerArm": (0.44, 1.44, -0.03), "hand": (0.68, 1.44, -0.02),
-    "upperLeg": (0.09, 0.9, 0.0), "lowerLeg": (0.095, 0.5, 0.012), "foot": (0.1, 0.08, -0.025), "toes": (0.11, 0.02, 0.09),
-    "toeEnd": (0.11, 0.02, 0.16), "heel": (0.1, 0.0, -0.06), "buttock": (0.08, 0.93, -0.01),
-    "hair1": (0.0, 1.72, -0.08), "hair2": (0.0, 1.6, -0.14), "hair3": (0.0, 1.45, -0.16), "hair4": (0.0, 1.25, -0.16),
-    "tail1": (0.1, 1.7, -0.06), "tail2": (0.16, 1.5, -0.1), "tail3": (0.17, 1.25, -0.1), "tail4": (0.17, 1.0, -0.1),
-    "skirt1": (0.1, 0.92, 0.1), "skirt2": (0.13, 0.72, 0.13), "skirt3": (0.15, 0.55, 0.15), "skirt4": (0.16, 0.45, 0.16),
+    "ground": (0, 0, 0),
+    "hips": (0, 0.95, 0),
+    "pelvis": (0, 0.93, 0.0),
+    "waist": (0, 1.02, -0.01),
+    "spine": (0, 1.06, -0.01),
+    "spine2": (0, 1.14, -0.02),
+    "chest": (0, 1.22, -0.03),
+    "chest2": (0, 1.3, -0.03),
+    "upperChest": (0, 1.36, -0.03),
+    "neck": (0, 1.48, -0.02),
+    "neck2": (0, 1.53, -0.01),
+    "head": (0, 1.58, 0.0),
+    "headTop": (0, 1.76, 0.0),
+    "eye": (0.032, 1.65, 0.08),
+    "jaw": (0, 1.6, 0.03),
+    "jawTip": (0, 1.56, 0.09),
+    "breast": (0.08, 1.28, 0.1),
+    "clavicle": (0.03, 1.43, 0.0),
+    "upperArm": (0.17, 1.44, -0.02),
+    "lowerArm": (0.44, 1.44, -0.03),
+    "hand": (0.68, 1.44, -0.02),
+    "upperLeg": (0.09, 0.9, 0.0),
+    "lowerLeg": (0.095, 0.5, 0.012),
+    "foot": (0.1, 0.08, -0.025),
+    "toes": (0.11, 0.02, 0.09),
+    "toeEnd": (0.11, 0.02, 0.16),
+    "heel": (0.1, 0.0, -0.06),
+    "buttock": (0.08, 0.93, -0.01),
+    "hair1": (0.0, 1.72, -0.08),
+    "hair2": (0.0, 1.6, -0.14),
+    "hair3": (0.0, 1.45, -0.16),
+    "hair4": (0.0, 1.25, -0.16),
+    "tail1": (0.1, 1.7, -0.06),
+    "tail2": (0.16, 1.5, -0.1),
+    "tail3": (0.17, 1.25, -0.1),
+    "tail4": (0.17, 1.0, -0.1),
+    "skirt1": (0.1, 0.92, 0.1),
+    "skirt2": (0.13, 0.72, 0.13),
+    "skirt3": (0.15, 0.55, 0.15),
+    "skirt4": (0.16, 0.45, 0.16),
     "pole": (0.1, 0.5, 0.6),
-}  # fmt: skip
+}
 FINGER_ROWS = {"Thumb": None, "Index": 0.03, "Middle": 0.008, "Ring": -0.014, "Little": -0.035}
 for _finger, _z in FINGER_ROWS.items():
     if _finger == "Thumb":
@@ -79,10 +109,14 @@ mixamorig:Hips @hips =hips
     mixamorig:{{Left|Right}}ToeBase @toes =Toes
      mixamorig:{{Left|Right}}Toe_End @toeEnd
 """
-RIGS["ready player me"] = RIGS["mixamo"].replace("mixamorig:", "").replace(
-    "      HeadTop_End @headTop", "      HeadTop_End @headTop\n      {Left|Right}Eye @eye =Eye"
+RIGS["ready player me"] = (
+    RIGS["mixamo"]
+    .replace("mixamorig:", "")
+    .replace("      HeadTop_End @headTop", "      HeadTop_End @headTop\n      {Left|Right}Eye @eye =Eye")
 )
 
+_small = {key: name.lower() for key, name in (FINGERS | dict(Little="pinky")).items()}
+_unreal_hand = fingers(11, "N_0#_{l|r}", 3, _small, "N_metacarpal_{l|r}")
 RIGS["unreal 5"] = f"""
 root @ground
  pelvis @hips =hips
@@ -101,7 +135,7 @@ root @ground
           lowerarm_twist_02_{{l|r}} @lowerArm~hand~0.33
           lowerarm_twist_01_{{l|r}} @lowerArm~hand~0.66
           hand_{{l|r}} @hand =Hand
-{fingers(11, "N_0#_{l|r}", 3, {k: v.lower() for k, v in (FINGERS | dict(Little="pinky")).items()}, "N_metacarpal_{l|r}")}
+{_unreal_hand}
        neck_01 @neck =neck
         neck_02 @neck2
          head @head =head
@@ -298,7 +332,10 @@ pelvis @hips =hips
 """
 RIGS["smpl-x"] = (
     RIGS["smpl"]
-    .replace("     head @head =head\n", "     head @head =head\n      jaw @jaw =jaw\n      {left|right}_eye_smplhf @eye =Eye\n")
+    .replace(
+        "     head @head =head\n",
+        "     head @head =head\n      jaw @jaw =jaw\n      {left|right}_eye_smplhf @eye =Eye\n",
+    )
     .replace(
         "        {left|right}_hand @Middle1\n",
         fingers(8, "{left|right}_N#", 3, {k: v.lower() for k, v in (FINGERS | dict(Little="pinky")).items()}) + "\n",
@@ -544,7 +581,7 @@ def rig(name: str, places: dict[str, tuple[float, float, float]] | None = None) 
         sided, made = "{" in label, []
         for side, word in enumerate(("left", "right") if sided else ("",)):
             made.append(len(names))
-            names.append(re.sub(r"\{([^|}]*)\|([^}]*)\}", lambda found: found[side + 1], label))
+            names.append(re.sub(r"\{([^|}]*)\|([^}]*)\}", rf"\{side + 1}", label))
             parents.append(above[side])
             point = _place(places, place)
             points.append(point * np.array([-1.0, 1.0, 1.0]) if side else point)
@@ -603,23 +640,56 @@ def posed(skeleton: Skeleton, turns: dict[str, tuple[float, float, float]], trut
     """Another rest pose: canonical joint to a rotation vector in degrees, about world axes."""
     rotations = skeleton.rest_rotations.copy()
     for canonical, degrees in turns.items():
-        rotations[skeleton.index(truth[canonical])] = rot.from_rotation_vector(np.radians(np.array(degrees, dtype=float)))
+        rotations[skeleton.index(truth[canonical])] = rot.from_rotation_vector(
+            np.radians(np.array(degrees, dtype=float))
+        )
     return Skeleton(skeleton.names, skeleton.parents, skeleton.offsets, rotations, skeleton.end_offsets)
 
 
 POSES = {
     "T": {},
     "A": {"leftUpperArm": (0, 0, -45), "rightUpperArm": (0, 0, 45)},
-    "I": {"leftUpperArm": (0, 0, -85), "rightUpperArm": (0, 0, 85), "leftLowerArm": (0, -10, 0), "rightLowerArm": (0, 10, 0)},
+    "I": {
+        "leftUpperArm": (0, 0, -85),
+        "rightUpperArm": (0, 0, 85),
+        "leftLowerArm": (0, -10, 0),
+        "rightLowerArm": (0, 10, 0),
+    },
     "arms up": {"leftUpperArm": (0, 0, 75), "rightUpperArm": (0, 0, -75)},
-    "legs apart": {"leftUpperLeg": (0, 0, 30), "rightUpperLeg": (0, 0, -30), "leftUpperArm": (0, 0, -20), "rightUpperArm": (0, 0, 20)},
-    "step": {"leftUpperLeg": (-30, 0, 0), "rightUpperLeg": (20, 0, 0), "rightLowerLeg": (25, 0, 0), "leftUpperArm": (0, 0, -70),
-             "rightUpperArm": (0, 0, 70), "leftLowerArm": (0, -60, 0), "spine": (8, 10, 0)},
-    "sitting": {"leftUpperLeg": (-80, 0, 0), "rightUpperLeg": (-80, 0, 0), "leftLowerLeg": (80, 0, 0), "rightLowerLeg": (80, 0, 0),
-                "leftUpperArm": (0, 0, -60), "rightUpperArm": (0, 0, 60)},
-    "guard": {"leftUpperArm": (0, -50, -40), "rightUpperArm": (0, 50, 40), "leftLowerArm": (0, -70, 0), "rightLowerArm": (0, 70, 0),
-              "leftUpperLeg": (-15, 0, 8), "rightUpperLeg": (-15, 0, -8), "leftLowerLeg": (30, 0, 0), "rightLowerLeg": (30, 0, 0)},
-}  # fmt: skip
+    "legs apart": {
+        "leftUpperLeg": (0, 0, 30),
+        "rightUpperLeg": (0, 0, -30),
+        "leftUpperArm": (0, 0, -20),
+        "rightUpperArm": (0, 0, 20),
+    },
+    "step": {
+        "leftUpperLeg": (-30, 0, 0),
+        "rightUpperLeg": (20, 0, 0),
+        "rightLowerLeg": (25, 0, 0),
+        "leftUpperArm": (0, 0, -70),
+        "rightUpperArm": (0, 0, 70),
+        "leftLowerArm": (0, -60, 0),
+        "spine": (8, 10, 0),
+    },
+    "sitting": {
+        "leftUpperLeg": (-80, 0, 0),
+        "rightUpperLeg": (-80, 0, 0),
+        "leftLowerLeg": (80, 0, 0),
+        "rightLowerLeg": (80, 0, 0),
+        "leftUpperArm": (0, 0, -60),
+        "rightUpperArm": (0, 0, 60),
+    },
+    "guard": {
+        "leftUpperArm": (0, -50, -40),
+        "rightUpperArm": (0, 50, 40),
+        "leftLowerArm": (0, -70, 0),
+        "rightLowerArm": (0, 70, 0),
+        "leftUpperLeg": (-15, 0, 8),
+        "rightUpperLeg": (-15, 0, -8),
+        "leftLowerLeg": (30, 0, 0),
+        "rightLowerLeg": (30, 0, 0),
+    },
+}
 
 
 def moved(skeleton: Skeleton, rotation: np.ndarray, scale: float, shift: np.ndarray) -> Skeleton:

@@ -33,11 +33,33 @@ def quadruped(neck: float = 0.35, legs: float = 0.6, tail: bool = True) -> Skele
         ("spine", None, [(0, legs, -0.4), (0, legs + 0.02, -0.2), (0, legs + 0.02, 0.0), (0, legs, 0.2)]),
         ("neck", "spine3", [(0, legs + 0.1, 0.3), (0, legs + neck, 0.45), (0, legs + neck, 0.6)]),
         ("L_ear", "neck1", [(0.05, legs + neck + 0.05, 0.42), (0.06, legs + neck + 0.12, 0.42)]),
-        ("L_hindleg", "spine0", [(0.1, legs - 0.05, -0.4), (0.1, legs * 0.6, -0.32), (0.1, legs * 0.3, -0.45), (0.1, 0.03, -0.42), (0.1, 0, -0.35)]),
-        ("L_foreleg", "spine3", [(0.08, legs - 0.02, 0.22), (0.1, legs * 0.7, 0.2), (0.1, legs * 0.35, 0.22), (0.1, 0.03, 0.2), (0.1, 0, 0.27)]),
-    ]  # fmt: skip
+        (
+            "L_hindleg",
+            "spine0",
+            [
+                (0.1, legs - 0.05, -0.4),
+                (0.1, legs * 0.6, -0.32),
+                (0.1, legs * 0.3, -0.45),
+                (0.1, 0.03, -0.42),
+                (0.1, 0, -0.35),
+            ],
+        ),
+        (
+            "L_foreleg",
+            "spine3",
+            [
+                (0.08, legs - 0.02, 0.22),
+                (0.1, legs * 0.7, 0.2),
+                (0.1, legs * 0.35, 0.22),
+                (0.1, 0.03, 0.2),
+                (0.1, 0, 0.27),
+            ],
+        ),
+    ]
     if tail:
-        rows.append(("tail", "spine0", [(0, legs, -0.5), (0, legs - 0.1, -0.6), (0, legs - 0.2, -0.7), (0, legs - 0.3, -0.75)]))
+        rows.append(
+            ("tail", "spine0", [(0, legs, -0.5), (0, legs - 0.1, -0.6), (0, legs - 0.2, -0.7), (0, legs - 0.3, -0.75)])
+        )
     return chains(rows)
 
 
@@ -46,19 +68,37 @@ def bird() -> Skeleton:
         [
             ("body", None, [(0, 0.3, -0.05), (0, 0.33, 0.05)]),
             ("neck", "body1", [(0, 0.38, 0.1), (0, 0.43, 0.13), (0, 0.48, 0.15), (0, 0.48, 0.22)]),
-            ("L_wing", "body1", [(0.04, 0.34, 0.05), (0.15, 0.36, 0.0), (0.3, 0.37, 0.05), (0.45, 0.36, 0.0), (0.6, 0.35, -0.05)]),
-            ("L_leg", "body0", [(0.04, 0.28, -0.05), (0.05, 0.2, 0.0), (0.05, 0.1, -0.06), (0.05, 0.01, -0.03), (0.05, 0.0, 0.03)]),
+            (
+                "L_wing",
+                "body1",
+                [(0.04, 0.34, 0.05), (0.15, 0.36, 0.0), (0.3, 0.37, 0.05), (0.45, 0.36, 0.0), (0.6, 0.35, -0.05)],
+            ),
+            (
+                "L_leg",
+                "body0",
+                [(0.04, 0.28, -0.05), (0.05, 0.2, 0.0), (0.05, 0.1, -0.06), (0.05, 0.01, -0.03), (0.05, 0.0, 0.03)],
+            ),
             ("tail", "body0", [(0, 0.28, -0.15), (0, 0.27, -0.25)]),
         ]
     )
 
 
 def spider(pairs: int = 4) -> Skeleton:
-    rows: list[Chain] = [("body", None, [(0, 0.2, 0)]), ("abdomen", "body0", [(0, 0.25, -0.2), (0, 0.25, -0.4)]), ("head", "body0", [(0, 0.2, 0.15)])]
+    rows: list[Chain] = [
+        ("body", None, [(0, 0.2, 0)]),
+        ("abdomen", "body0", [(0, 0.25, -0.2), (0, 0.25, -0.4)]),
+        ("head", "body0", [(0, 0.2, 0.15)]),
+    ]
     for i in range(pairs):
         angle = np.radians(-55 + 110 * i / max(pairs - 1, 1))
         out = np.array([np.cos(angle), 0.0, np.sin(angle)])
-        rows.append((f"L_leg{'abcdefgh'[i]}", "body0", [tuple(out * r + [0, y, 0]) for r, y in ((0.08, 0.2), (0.25, 0.4), (0.5, 0.3), (0.65, 0.0))]))
+        rows.append(
+            (
+                f"L_leg{'abcdefgh'[i]}",
+                "body0",
+                [tuple(out * r + [0, y, 0]) for r, y in ((0.08, 0.2), (0.25, 0.4), (0.5, 0.3), (0.65, 0.0))],
+            )
+        )
     return chains(rows)
 
 
@@ -107,32 +147,33 @@ def fish() -> Skeleton:
 
 
 def car() -> Skeleton:
-    return chains([("body", None, [(0, 0.5, 0)]), ("L_front", "body0", [(0.8, 0.3, 1.2)]), ("L_rear", "body0", [(0.8, 0.3, -1.2)]), ("wheel", "body0", [(0.3, 0.9, 0.3)])])
+    return chains(
+        [
+            ("body", None, [(0, 0.5, 0)]),
+            ("L_front", "body0", [(0.8, 0.3, 1.2)]),
+            ("L_rear", "body0", [(0.8, 0.3, -1.2)]),
+            ("wheel", "body0", [(0.3, 0.9, 0.3)]),
+        ]
+    )
 
 
 def octopus() -> Skeleton:
     rows: list[Chain] = [("mantle", None, [(0, 0.5, 0), (0, 0.8, 0)])]
     for i in range(8):
         angle = 2 * np.pi * (i + 0.5) / 8
-        rows.append((f"arm{'abcdefgh'[i]}", "mantle0", [(r * np.cos(angle), 0.5 - 0.5 * r, r * np.sin(angle)) for r in (0.1, 0.3, 0.5, 0.7, 0.9)]))
+        rows.append(
+            (
+                f"arm{'abcdefgh'[i]}",
+                "mantle0",
+                [(r * np.cos(angle), 0.5 - 0.5 * r, r * np.sin(angle)) for r in (0.1, 0.3, 0.5, 0.7, 0.9)],
+            )
+        )
     return chains(rows)
 
 
-def centaur() -> Skeleton:
-    beast = [
-        ("spine", None, [(0, 1.0, -0.8), (0, 1.02, -0.4), (0, 1.0, 0.0)]),
-        ("trunk", "spine2", [(0, 1.2, 0.05), (0, 1.4, 0.05), (0, 1.6, 0.05)]),
-        ("neck", "trunk2", [(0, 1.72, 0.05), (0, 1.82, 0.07)]),
-        ("L_arm", "trunk2", [(0.17, 1.65, 0.05), (0.44, 1.65, 0.03), (0.68, 1.65, 0.05)]),
-        ("L_hind", "spine0", [(0.15, 0.95, -0.8), (0.15, 0.5, -0.75), (0.15, 0.1, -0.8), (0.15, 0.02, -0.7)]),
-        ("L_front", "spine2", [(0.15, 0.95, 0.0), (0.15, 0.5, 0.05), (0.15, 0.1, 0.0), (0.15, 0.02, 0.1)]),
-    ]
-    return chains(beast)
-
-
-def random_tree(seed: int) -> Skeleton:
+def random_tree(seed: int, joints: int | None = None) -> Skeleton:
     rng = np.random.default_rng(seed)
-    count = int(rng.integers(10, 70))
+    count = joints or int(rng.integers(10, 70))
     parents = [-1] + [int(rng.integers(max(0, i - 6), i)) for i in range(1, count)]
     points = np.zeros((count, 3))
     for i in range(1, count):
@@ -156,7 +197,6 @@ THINGS = {
     "fish": fish,
     "car": car,
     "octopus": octopus,
-    "centaur": centaur,
     "one joint": lambda: snake(1),
     "two joints": lambda: snake(2),
 }

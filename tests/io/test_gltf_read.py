@@ -11,6 +11,7 @@ from retarget.errors import RetargetError
 from retarget.io import gltf, load
 from retarget.io.gltf_clips import timeline
 from retarget.io.gltf_surface import triangles
+from retarget.io.gltf_weights import merge_influences
 
 
 def loaded(m, tmp_path):
@@ -33,13 +34,55 @@ def test_a_character(tmp_path):
 
 def test_rest_pose_is_where_the_mesh_was_bound(tmp_path):
     straight = loaded(worm(), tmp_path)
-    posed = loaded(worm(bind_turn=turn("x", 70)), tmp_path)
+    posed = loaded(worm(bound={1: turn("x", 70)}), tmp_path)
     assert any("bound in another pose" in note for note in posed.notes)
     tube_points = posed.character.mesh.vertices
     np.testing.assert_allclose(rest_vertices(posed.character), tube_points, atol=1e-6)
     np.testing.assert_allclose(tube_points, straight.character.mesh.vertices, atol=1e-6)
     np.testing.assert_allclose(posed.character.skeleton.rest_rotations[1], turn("x", 70), atol=1e-6)
     np.testing.assert_allclose(posed.character.skeleton.offsets, straight.character.skeleton.offsets, atol=1e-6)
+    # The root has turned since as well: the mesh still lies in the world where its data says.
+    whole = loaded(worm(bound={0: turn("y", 0), 1: turn("x", 70)}), tmp_path).character
+    np.testing.assert_allclose(whole.mesh.vertices, straight.character.mesh.vertices, atol=1e-6)
+    np.testing.assert_allclose(whole.skeleton.rest_rotations[0], turn("y", 0), atol=1e-6)
+    np.testing.assert_allclose(whole.skeleton.rest_rotations[1], turn("x", 70), atol=1e-6)
+
+
+def test_joints_that_move_are_listed(tmp_path):
+    assert loaded(worm(), tmp_path).motion(0).moved == (0,)
+    assert loaded(worm(stretchy=True), tmp_path).motion(0).moved == (0, 1)
+    # Bound longer than the nodes stand: without any channel the joint is away from its rest position.
+    m = worm(bound={1: turn("x", 70)})
+    m.json["nodes"][2]["translation"] = [0, 0.75, 0]
+    assert loaded(m, tmp_path).motion(0).moved == (0, 2)
+
+
+def test_integers_are_normalised_as_specified(tmp_path):
+    m = worm()
+    cases = {"i1": ([-128, -127, 0, 127], 127), "i2": ([-32768, -32767, 0, 32767], 32767), "u1": ([0, 255, 51, 1], 255)}
+    numbers = {}
+    for dtype, (values, _) in cases.items():
+        numbers[dtype] = m.accessor(values, dtype)
+        m.json["accessors"][numbers[dtype]]["normalized"] = True
+    document = loaded(m, tmp_path).character.origin.document
+    for dtype, (values, top) in cases.items():
+        expected = np.maximum(np.array(values) / top, -1)
+        np.testing.assert_array_equal(document.floats(numbers[dtype], ("SCALAR",))[:, 0], expected)
+
+
+def test_influences_take_the_form_that_gltf_wants():
+    rng = np.random.default_rng(0)
+    weights = rng.random((500, 9)) * (rng.random((500, 9)) < 0.6) + np.eye(9)[rng.integers(0, 9, 500)]
+    weights /= weights.sum(axis=1, keepdims=True)
+    joints = rng.integers(0, 12, (500, 9))
+    merged, single = merge_influences(joints, weights)
+    assert merged.shape == single.shape and merged.shape[1] % 4 == 0 and single.dtype == np.float32
+    assert np.abs(single.sum(axis=1, dtype=float) - 1).max() < 6e-8
+    for row in range(500):
+        used = merged[row][single[row] > 0]
+        assert len(set(used)) == len(used) and (merged[row][single[row] == 0] == 0).all()
+        dense = np.bincount(joints[row], weights[row], 12)
+        np.testing.assert_allclose(np.bincount(merged[row], single[row], 12), dense, atol=1e-6)
 
 
 def test_scaled_nodes_become_lengths(tmp_path):
@@ -226,5 +269,5 @@ def test_key_frames_are_hit_exactly(tmp_path):
     reference = Reference(tmp_path / "a.glb")
     keys = reference.accessor(reference.json["animations"][0]["samplers"][0]["output"])
     np.testing.assert_allclose(
-        asset.motion(0).rotations[:, 1], keys / np.linalg.norm(keys, axis=1, keepdims=True), atol=1e-12
+        asset.motion(0).rotations[:, 1], keys / np.linalg.norm(keys, axis=1, keepdims=True), rtol=0, atol=1e-12
     )

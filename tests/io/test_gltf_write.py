@@ -230,11 +230,27 @@ def test_faults_are_written_repaired(tmp_path):
     for phrase in ("negative or not numbers", "have no weights", "do not sum to one"):
         assert any(phrase in note for note in asset.notes), phrase
     np.testing.assert_allclose(rest_vertices(asset.character), Reference(tmp_path / "x.glb").vertices(), atol=1e-5)
-    gltf.save(tmp_path / "b.glb", asset.character, [asset.motion(0)])
+    character = asset.character
+    followed = character.skin.joints[character.skin.columns[0][character.skin.weights[0] > 0]]
+    assert followed.tolist() == [0], "a vertex without weights follows the first joint"
+    gltf.save(tmp_path / "b.glb", character, [asset.motion(0)])
     assert gltf.load(tmp_path / "b.glb").notes == ()
     shown = np.stack([Reference(tmp_path / "b.glb").vertices(1, k / 30) for k in range(5)])
     np.testing.assert_allclose(shown, skin_motion(asset.character, asset.motion(0)), atol=1e-5)
     assert errors_found(tmp_path / "b.glb") == [[]]
+
+
+def test_inverse_binds_rounded_in_the_last_row_are_written_exactly(tmp_path):
+    m = worm()
+    number = m.json["skins"][0]["inverseBindMatrices"]
+    start = m.json["bufferViews"][m.json["accessors"][number]["bufferView"]]["byteOffset"]
+    m.binary[start + 60 : start + 64] = np.float32([0.9999999]).tobytes()
+    asset = gltf.load(m.glb(tmp_path / "a.glb"))
+    assert asset.notes == () and asset.character.skin.inverse_binds[0, 3, 3] == 1
+    gltf.save(tmp_path / "b.glb", asset.character)
+    reference = Reference(tmp_path / "b.glb")
+    written = reference.accessor(reference.json["skins"][0]["inverseBindMatrices"])
+    assert (written[:, [3, 7, 11, 15]] == [0, 0, 0, 1]).all()
 
 
 def test_joints_placed_by_matrices_can_be_animated(tmp_path):

@@ -26,6 +26,7 @@ from retarget.evaluate.cases import arms_turned, in_other_rest_pose, with_other_
 from retarget.methods import METHODS
 from retarget.methods.base import LAWS
 from retarget.motion.align import Similarity
+from retarget.motion.filter import cut
 from retarget.retargeting import prepare
 
 
@@ -141,7 +142,7 @@ def test_stepping_equals_the_clip(make, settings):
         pytest.skip("looks ahead: not causal")
     settings = {name: value for name, value in settings.items() if hasattr(method, name)}
     retargeter = prepare(actor(), actor("heavy"), replace(method, **settings)).retargeter
-    motion = walk()
+    motion = cut(walk(), 1.0, 1.6)
     clip = retargeter(motion).motion
     for frame in range(len(motion)):
         pose = retargeter.step(motion.pose(frame))

@@ -1,4 +1,4 @@
-"""Real glTF files: what we show is what the specification says, appending changes nothing, validators and Blender agree."""
+"""Real glTF files: we show what the specification says, appending changes nothing, validator and Blender agree."""
 
 import json
 import os
@@ -58,7 +58,7 @@ def test_joints_and_vertices_are_those_of_the_specification(asset):
         inputs = {sampler["input"] for sampler in reference.json["animations"][number]["samplers"]}
         start = min(reference.accessor(accessor)[0, 0] for accessor in inputs)
         frames = some(len(motion))
-        # Rigid joints do not follow scales, which mannequiny's feet and one mannequin clip have: left out on both sides.
+        # Rigid joints do not follow scales, as mannequiny's feet have them: left out on both sides.
         worlds = [reference.world(number, start + frame / motion.fps, scales=False) for frame in frames]
         rotations, positions = world_pose(motion)
         np.testing.assert_allclose(positions[frames], np.array(worlds)[:, nodes][..., :3, 3], atol=2e-5 * size)

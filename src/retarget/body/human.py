@@ -47,14 +47,17 @@ PRESETS: dict[str, dict[str, float]] = {
     "woman": {"gender": 0.0},
     "man": {"gender": 1.0},
     "thin": {"gender": 0.4, "weight": 0.0, "muscle": 0.35},
-    "heavy": {"gender": 0.7, "weight": 1.25, "muscle": 0.45, "belly": 0.2},
-    "very_heavy": {"gender": 0.7, "weight": 1.8, "muscle": 0.4, "belly": 0.5, "double_chin": 0.6, "face_fat": 0.5},
+    "heavy": {"gender": 0.7, "weight": 1.1, "muscle": 0.45, "belly": 0.2},
+    "very_heavy": {
+        "gender": 0.6, "weight": 2.0, "muscle": 0.35, "belly": 0.6, "hips": 0.3, "upper_arm_fat": 0.5, "thigh_fat": 0.5,
+        "double_chin": 0.7, "face_fat": 0.6, "neck_girth": 0.3,
+    },  # fmt: skip
     "muscular": {"gender": 1.0, "muscle": 1.0, "weight": 0.62, "proportions": 0.8},
     "tall": {"gender": 0.8, "height": 2.0, "weight": 0.45},
     "short": {"gender": 0.3, "height": 1.45, "weight": 0.6},
     "elderly": {"gender": 0.3, "age": 0.95, "muscle": 0.3, "weight": 0.55},
-    "child": {"age": 0.12, "height": 1.2},
-    "toddler": {"age": 0.02, "height": 0.86},
+    "child": {"age": 0.12, "height": 1.2, "head_size": 0.25},
+    "toddler": {"age": 0.02, "height": 0.82, "head_size": 0.5},
 }
 """Shape parameters of bodies with a name: `human(**PRESETS["child"])`."""
 
@@ -139,7 +142,10 @@ def human_model() -> HumanModel:
     with np.load(Path(__file__).with_name("human.npz")) as archive:
         stored = {name: archive[name] for name in archive.files}
     integers = {name: stored[name].astype(np.int64) for name in _INTEGER_FIELDS}
-    names = {key: tuple(stored[f"{key}_names"].tolist()) for key in ("joint", "part", "landmark", "detail", "material", "macro")}
+    names = {
+        key: tuple(stored[f"{key}_names"].tolist())
+        for key in ("joint", "part", "landmark", "detail", "material", "macro")
+    }
     pairs = [(names["part"][a], names["part"][b]) for a, b in stored["seam_parts"].tolist()]
     loops = np.split(stored["seam_vertices"].astype(np.int64), np.cumsum(stored["seam_lengths"])[:-1])
     colors = stored["material_colors"].tolist()
@@ -168,7 +174,16 @@ def human_model() -> HumanModel:
     )
 
 
-_INTEGER_FIELDS = ("faces", "mirror", "parents", "skin_columns", "vertex_parts", "face_parts", "face_materials", "face_uvs")
+_INTEGER_FIELDS = (
+    "faces",
+    "mirror",
+    "parents",
+    "skin_columns",
+    "vertex_parts",
+    "face_parts",
+    "face_materials",
+    "face_uvs",
+)
 
 
 def _dense_rows(stored: dict[str, Array]) -> Float[Array, "points vertices"]:
@@ -180,7 +195,7 @@ def _dense_rows(stored: dict[str, Array]) -> Float[Array, "points vertices"]:
     return dense
 
 
-def human(*, height: float | None = None, name: str = "", **shape: float) -> Character:
+def human(*, height: float | int | None = None, name: str = "", **shape: float | int) -> Character:
     """The embedded human of a given shape, in its rest pose: a relaxed A, feet on y = 0, hips at x = z = 0, facing +Z.
 
     `height` is the body's height in metres (None: what the other parameters give). `shape` takes the macro parameters
@@ -211,8 +226,14 @@ def textured(character: Character) -> Character:
     show and to export, not to measure. Raises `RetargetError` for a character on another topology.
     """
     model = human_model()
-    if character.mesh is None or character.mesh.faces.shape != model.faces.shape or (character.mesh.faces != model.faces).any():
-        raise RetargetError(f"{character.name or 'the character'} is not on the embedded human's topology, so its texture does not fit")
+    if (
+        character.mesh is None
+        or character.mesh.faces.shape != model.faces.shape
+        or (character.mesh.faces != model.faces).any()
+    ):
+        raise RetargetError(
+            f"{character.name or 'the character'} is not on the embedded human's topology, so its texture does not fit"
+        )
     pairs = np.stack([model.faces.ravel(), model.face_uvs.ravel()], axis=1)
     kept, corner = np.unique(pairs, axis=0, return_inverse=True)
     vertex = kept[:, 0]
@@ -223,7 +244,7 @@ def textured(character: Character) -> Character:
     return replace(character, mesh=mesh, skin=skin)
 
 
-def human_vertices(*, height: float | None = None, **shape: float) -> Float[Array, "vertices 3"]:
+def human_vertices(*, height: float | int | None = None, **shape: float | int) -> Float[Array, "vertices 3"]:
     """The rest surface alone (metres), where no skeleton is needed. Parameters and errors as in `human`."""
     model = human_model()
     _check(model, height, shape)
@@ -237,7 +258,7 @@ def human_vertices(*, height: float | None = None, **shape: float) -> Float[Arra
     return (vertices - [0.0, low, hips[2]]) * scale
 
 
-def height_range(**shape: float) -> tuple[float, float]:
+def height_range(**shape: float | int) -> tuple[float, float]:
     """Lowest and greatest height (metres) that MakeHuman's height scale gives a shape; beyond, bodies are scaled."""
     model = human_model()
     _check(model, None, shape)
@@ -245,7 +266,7 @@ def height_range(**shape: float) -> tuple[float, float]:
     return float(np.ptp((half + shorter)[:, 1])), float(np.ptp((half + taller)[:, 1]))
 
 
-def _check(model: HumanModel, height: float | None, shape: dict[str, float]) -> None:
+def _check(model: HumanModel, height: float | int | None, shape: dict[str, float | int]) -> None:
     ranges = {name: (low, high) for name, (low, _, high) in PARAMETERS.items()} | {"height": HEIGHT}
     ranges |= dict.fromkeys(model.detail_names, (-1.0, 1.0))
     for name, value in shape.items() | ({("height", height)} if height is not None else set()):
@@ -254,7 +275,9 @@ def _check(model: HumanModel, height: float | None, shape: dict[str, float]) -> 
         low, high = ranges[name]
         if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
             unit = " metres" if name == "height" else ""
-            raise RetargetError(f"shape parameter {name!r} must be a number from {low:g} to {high:g}{unit}, received {value!r}")
+            raise RetargetError(
+                f"shape parameter {name!r} must be a number from {low:g} to {high:g}{unit}, received {value!r}"
+            )
 
 
 def _levels(parameter: str, value: float) -> list[tuple[str, float]]:
@@ -266,7 +289,7 @@ def _levels(parameter: str, value: float) -> list[tuple[str, float]]:
     return [(below, 1.0 - share), (above, share)]
 
 
-def _shape_halves(model: HumanModel, shape: dict[str, float]) -> tuple[Array, Array, Array]:
+def _shape_halves(model: HumanModel, shape: dict[str, float | int]) -> tuple[Array, Array, Array]:
     """The left half at middling height (half, 3), and the offsets that full and no height add to it."""
     value = {name: float(shape.get(name, neutral)) for name, (_, neutral, _) in PARAMETERS.items()}
     table, none = model.shape.macro, np.zeros(len(model.shape.basis))
@@ -276,7 +299,9 @@ def _shape_halves(model: HumanModel, shape: dict[str, float]) -> tuple[Array, Ar
     excess = max(value["weight"] - 1.0, 0.0) / 0.5  # in steps from average to the heaviest
     for (gender, g), (age, a) in product(_levels("gender", value["gender"]), _levels("age", value["age"])):
         still += g * a * table[f"{gender}-{age}"]
-        for (muscle, m), (weight, w) in product(_levels("muscle", value["muscle"]), _levels("weight", min(value["weight"], 1.0))):
+        for (muscle, m), (weight, w) in product(
+            _levels("muscle", value["muscle"]), _levels("weight", min(value["weight"], 1.0))
+        ):
             kind, share = f"{gender}-{age}-{muscle}-{weight}", g * a * m * w
             still += share * table.get(kind, none)
             still += share * abs(proportion) * table.get(f"{kind}-{figure}", none)
@@ -284,7 +309,9 @@ def _shape_halves(model: HumanModel, shape: dict[str, float]) -> tuple[Array, Ar
             shorter += share * table.get(f"{kind}-minheight", none)
         # Only the gain of an averagely muscular body goes on: at little muscle the folds of the belly would cross.
         average = f"{gender}-{age}-averagemuscle"
-        still += g * a * excess * (table.get(f"{average}-maxweight", none) - table.get(f"{average}-averageweight", none))
+        still += (
+            g * a * excess * (table.get(f"{average}-maxweight", none) - table.get(f"{average}-averageweight", none))
+        )
     offsets = np.stack([still, taller, shorter]).astype(np.float32) @ model.shape.basis
     still, taller, shorter = offsets.astype(np.float64).reshape(3, -1, 3)
     for name, amount in shape.items():
@@ -295,7 +322,7 @@ def _shape_halves(model: HumanModel, shape: dict[str, float]) -> tuple[Array, Ar
     return model.shape.base + still, taller, shorter
 
 
-def _height_offset(half: Array, taller: Array, shorter: Array, height: float) -> Array:
+def _height_offset(half: Array, taller: Array, shorter: Array, height: float | int) -> Array:
     """The share of MakeHuman's height scale that gives a height; its end where it does not reach that far."""
 
     def offset(share: float) -> Array:

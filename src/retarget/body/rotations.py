@@ -166,7 +166,7 @@ def to_euler(q: Float[Array, "*batch 4"], order: str) -> Float[Array, "*batch 3"
     sign = 1.0 if (j - i) % 3 == 1 else -1.0
     m = to_matrix(q)
     middle = np.arcsin(np.clip(sign * m[..., i, k], -1.0, 1.0))
-    locked = np.abs(m[..., i, k]) > 1 - 1e-9  # gimbal lock: give the whole turn to the first angle
+    locked = np.abs(m[..., i, k]) > 1 - 1e-13  # gimbal lock: give the whole turn to the first angle
     first = np.where(locked, np.arctan2(sign * m[..., k, j], m[..., j, j]), np.arctan2(-sign * m[..., j, k], m[..., k, k]))
     third = np.where(locked, 0.0, np.arctan2(-sign * m[..., i, j], m[..., i, i]))
     return np.stack([first, middle, third], axis=-1)

@@ -49,7 +49,7 @@ def leg_length(skeleton: Skeleton, humanoid: Humanoid) -> float:
 
 
 def support_limbs(character: Character, humanoid: Humanoid) -> tuple[SupportLimb, ...]:
-    """Both legs, then both arms. The body must be in the house's space (metres, +Y up)."""
+    """Both legs, then both arms. The body must be in metres with +Y up."""
     skeleton, joints = character.skeleton, humanoid.joints
     rotations, rest = rest_pose(skeleton)
     surface = rest_vertices(character) if character.skin is not None else None

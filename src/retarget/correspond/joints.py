@@ -13,8 +13,10 @@ from retarget.body.rotations import unit
 from retarget.character import Skeleton
 from retarget.correspond import joints_detail as detail
 from retarget.correspond.joints_by_name import NameScores, score_names
-from retarget.correspond.joints_by_shape import LIMB_PARTS, Body, Limb, Tree, bodies, build_tree
+from retarget.correspond.joints_by_shape import Body, bodies
+from retarget.correspond.limbs import LIMB_PARTS, Limb
 from retarget.correspond.sides import body_axes, left_evidence, name_evidence, weigh
+from retarget.correspond.skeleton_tree import Tree, build_tree
 from retarget.errors import MatchError, RetargetError, unknown_name
 
 Array = np.ndarray
@@ -37,8 +39,8 @@ REQUIRED_JOINTS: tuple[str, ...] = (
 """The fifteen that VRM requires of every humanoid."""
 
 PLAUSIBLE = 11.5
-"""Shape cost up to which a skeleton is a human whatever its joints are called: real rigs stay below 9, a chair with arms
-reaches 12.6, a bird 14, dogs and horses 17."""
+"""Shape cost up to which a skeleton is a human whatever its joints are called: real rigs stay below 9, a chair with
+arms reaches 12.6, a bird 14, dogs and horses 17."""
 PLAUSIBLE_IF_NAMED = 40.0
 """The same where most of the required joints carry the right names (folded or unusual rest poses)."""
 
@@ -90,7 +92,8 @@ def _named_share(names: NameScores, body: Body, joints: int) -> float:
     scores = [names.parts["hips"][body.hips], names.parts["head"][body.head] if body.head is not None else 0.0]
     for kind, pair in (("leg", body.legs), ("arm", body.arms)):
         for limb in pair.limbs:
-            scores += [names.parts[part][node] if node < joints else 0.0 for part, node in zip(LIMB_PARTS[kind], limb.nodes)]
+            named = zip(LIMB_PARTS[kind], limb.nodes)
+            scores += [names.parts[part][node] if node < joints else 0.0 for part, node in named]
     return float(np.mean(np.array(scores) > 0.45))
 
 
@@ -118,10 +121,11 @@ def _refuse_animal(skeleton: Skeleton, names: NameScores, up: Array, legs: Array
 def _no_humanoid(skeleton: Skeleton, names: NameScores, reason: str) -> MatchError:
     found = _joints_named(names)
     missing = tuple(name for name in REQUIRED_JOINTS if name not in found) or REQUIRED_JOINTS
+    listed = ", ".join(skeleton.names[:4]) + (", ..." if len(skeleton) > 4 else "")
     return MatchError(
-        f"the skeleton of {len(skeleton)} joints ({', '.join(skeleton.names[:4])}{', ...' if len(skeleton) > 4 else ''}) "
-        f"matches no humanoid: {reason}; not found: {', '.join(missing)}; if it is one, name its joints in a map file, "
-        f'a line each: {missing[0]} = "name of the joint"',
+        f"the skeleton of {len(skeleton)} joints ({listed}) matches no humanoid: {reason}; "
+        f"not found: {', '.join(missing)}; "
+        f'if it is one, name its joints in a map file, a line each: {missing[0]} = "name of the joint"',
         missing,
     )
 
@@ -143,7 +147,7 @@ def _joints_named(names: NameScores) -> dict[str, int]:
 
 def _match_by_names_alone(skeleton: Skeleton, tree: Tree, names: NameScores, body: Body | None) -> Humanoid:
     """What the names say, for skeletons whose branches say nothing (all joints below the root, one arm lost)."""
-    reason = "no trunk with two legs and two arms was found" if body is None else "its proportions are not those of a human"
+    reason = "its proportions are not those of a human" if body else "no trunk with two legs and two arms was found"
     found = _joints_named(names)
     if len(found) < 12 or names.foreign.any() or not _limbs_agree(tree, found):
         raise _no_humanoid(skeleton, names, reason)
@@ -234,8 +238,9 @@ def _end_joint(tree: Tree, names: NameScores, limb: Limb, kind: str) -> int | No
         return end
     part = LIMB_PARTS[kind][2]
     apart = np.linalg.norm(tree.positions[: tree.joints] - tree.positions[end], axis=1)
-    near = [int(joint) for joint in np.flatnonzero(apart < 0.04 * limb.length) if limb.nodes[1] not in tree.above(joint)]
-    near = [joint for joint in near if tree.children[joint] and (not names.auxiliary[joint] or names.parts[part][joint] > 0.1)]
+    near = [int(joint) for joint in np.flatnonzero(apart < 0.04 * limb.length) if tree.children[joint]]
+    near = [joint for joint in near if limb.nodes[1] not in tree.above(joint)]
+    near = [joint for joint in near if not names.auxiliary[joint] or names.parts[part][joint] > 0.1]
     if near:
         return max(near, key=lambda joint: (names.parts[part][joint], -apart[joint]))
     return end
@@ -283,11 +288,21 @@ def humanoid_from_names(skeleton: Skeleton, names: Mapping[str, str]) -> Humanoi
 def _axes_of(tree: Tree, joints: dict[str, int], missing: tuple[str, ...]) -> Float[Array, "3 3"]:
     """Left from the hip and shoulder lines, up from ankles or hips to head or shoulders."""
     at = {name: tree.positions[joint] for name, joint in joints.items()}
-    lines = [at["left" + part] - at["right" + part] for part in ("UpperLeg", "UpperArm") if {"left" + part, "right" + part} <= set(at)]
-    low = [at[name] for name in ("leftFoot", "rightFoot") if name in at] or [at[name] for name in ("hips",) if name in at]
-    high = [at[name] for name in ("head", "neck") if name in at][:1]
-    high = high or [at[name] for name in ("leftUpperArm", "rightUpperArm") if name in at]
-    left, up = (np.sum(lines, axis=0) if lines else np.zeros(3)), (np.mean(high, axis=0) - np.mean(low, axis=0) if high and low else np.zeros(3))
+
+    def middle(*choices: tuple[str, ...]) -> Array:
+        """The mean of the first group of joints of which any is mapped."""
+        for group in choices:
+            points = [at[name] for name in group if name in at]
+            if points:
+                return np.mean(points, axis=0)
+        return np.zeros(3)
+
+    left = np.zeros(3)
+    for part in ("UpperLeg", "UpperArm"):
+        if "left" + part in at and "right" + part in at:
+            left = left + at["left" + part] - at["right" + part]
+    top = middle(("head",), ("neck",), ("leftUpperArm", "rightUpperArm"))
+    up = top - middle(("leftFoot", "rightFoot"), ("hips",), ("leftUpperLeg", "rightUpperLeg"))
     left = left / max(float(np.linalg.norm(left)), 1e-12)
     up = up - (up @ left) * left
     if np.linalg.norm(left) < 0.5 or np.linalg.norm(up) < 1e-9 * tree.scale:

@@ -92,7 +92,8 @@ def _tokens(name: str) -> list[str]:
     name = unicodedata.normalize("NFC", name)
     name = re.sub(r"([左右])", r" \1 ", name)
     name = re.sub(r"(?<![A-Za-z])([LR])(?=[A-Z][A-Z]?[a-z])", r"\1 ", name)  # LFArm, LThigh
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", name)
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
+    name = re.sub(r"(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", name)
     return [word.lower() for word in re.split(r"[\W_]+", name) if word]
 
 
@@ -142,7 +143,8 @@ def shared_prefix(names: tuple[str, ...]) -> tuple[str, ...]:
     prefix: tuple[str, ...] = ()
     listed = [tuple(_tokens(name)) for name in names]
     for length in (1, 2, 3):
-        counts = Counter(tokens[:length] for tokens in listed if len(tokens) > length and tokens[: length - 1] == prefix)
+        longer = [tokens for tokens in listed if len(tokens) > length and tokens[: length - 1] == prefix]
+        counts = Counter(tokens[:length] for tokens in longer)
         if not counts:
             break
         common, count = counts.most_common(1)[0]
@@ -201,10 +203,11 @@ def score_names(names: tuple[str, ...]) -> NameScores:
 def _without_wrists(spellings: list[Spelling]) -> list[Spelling]:
     """Where a side has both a wrist and a hand, only one of them is the hand.
 
-    Skeletons that name joints (elbow, wrist, knee) mean by 'hand' its middle; those that name bones (lowerarm, hand) put
-    the wrist between as a helper.
+    Skeletons that name joints (elbow, wrist, knee) mean by 'hand' its middle; those that name bones (lowerarm, hand)
+    put the wrist between as a helper.
     """
     names_joints = any(each.word in ("elbow", "knee", "ankle") for each in spellings)
     helper, real = ("hand", "wrist") if names_joints else ("wrist", "hand")
     sides = {each.side for each in spellings if each.word == real and not each.auxiliary}
-    return [replace(each, auxiliary=True) if each.word == helper and each.side in sides else each for each in spellings]
+    doubled = [each.word == helper and each.side in sides for each in spellings]
+    return [replace(each, auxiliary=True) if twice else each for each, twice in zip(spellings, doubled)]

@@ -7,7 +7,9 @@ import numpy as np
 from retarget.body.rotations import unit
 from retarget.correspond.aliases import FINGERS
 from retarget.correspond.joints_by_name import NameScores
-from retarget.correspond.joints_by_shape import LIMB_PARTS, Body, Limb, Tree
+from retarget.correspond.joints_by_shape import Body
+from retarget.correspond.limbs import LIMB_PARTS, Limb
+from retarget.correspond.skeleton_tree import Tree
 
 Array = np.ndarray
 
@@ -24,7 +26,7 @@ def pelvis(tree: Tree, names: NameScores, body: Body) -> int:
         return parent
     hip, shoulder = body.legs.points(tree, 0).mean(axis=0), body.arms.points(tree, 0).mean(axis=0)
     here, above = (float(np.linalg.norm(tree.positions[joint] - hip)) for joint in (hips, parent))
-    raised = here > 0.15 * float(np.linalg.norm(shoulder - hip)) and above < 0.5 * here
+    raised = here > 0.18 * float(np.linalg.norm(shoulder - hip)) and above < 0.5 * here
     return parent if raised and names.parts["hips"][hips] < 0.5 and not names.auxiliary[parent] else hips
 
 

@@ -41,7 +41,8 @@ def read_map(path: str | Path) -> dict[str, dict[str, str]]:
             raise FileError(path, f"{table} must be a table, written [{table}]; received {rows!r}")
         for canonical, name in rows.items():
             if canonical not in HUMANOID_JOINTS:
-                raise FileError(path, str(unknown_name("humanoid joint", canonical, HUMANOID_JOINTS, "VRM 1.0")), f"[{table}]")
+                problem = unknown_name("humanoid joint", canonical, HUMANOID_JOINTS, "VRM 1.0")
+                raise FileError(path, str(problem), f"[{table}]")
             if not isinstance(name, str):
                 raise FileError(path, f"{canonical} must be a joint name in quotes; received {name!r}", f"[{table}]")
         found[table] = {canonical: name for canonical, name in rows.items() if name}
@@ -71,7 +72,8 @@ def write_map(
         draft.write_text("\n".join(lines) + "\n", encoding="utf-8")
         os.replace(draft, path)
     except OSError as error:
-        draft.unlink(missing_ok=True)
+        if draft.parent.is_dir():
+            draft.unlink(missing_ok=True)
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
 
 

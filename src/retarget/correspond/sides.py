@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from retarget.body.rotations import unit
 from retarget.correspond.joints_by_name import NameScores
-from retarget.correspond.joints_by_shape import Body, Tree
+from retarget.correspond.joints_by_shape import Body
+from retarget.correspond.skeleton_tree import Tree
 
 Array = np.ndarray
 
@@ -15,8 +16,8 @@ Array = np.ndarray
 def body_axes(tree: Tree, body: Body) -> Float[Array, "3 3"]:
     """Rows left, up, forward if side 0 of the body is the left one; unit and orthogonal.
 
-    Left is the mean of hip line and shoulder line. Up leads from the ankles to the head; where the trunk disagrees by more
-    than 40 degrees (sitting, bent over) the trunk decides alone.
+    Left is the mean of hip line and shoulder line. Up leads from the ankles to the head; where the trunk disagrees by
+    more than 40 degrees (sitting, bent over) the trunk decides alone.
     """
     hip, shoulder, foot = body.legs.points(tree, 0), body.arms.points(tree, 0), body.legs.points(tree, 2)
     left = unit(hip[0] - hip[1] + shoulder[0] - shoulder[1])
@@ -85,7 +86,7 @@ def _bend(start: Array, middle: Array, end: Array, forward: Array) -> float:
 
 
 def _thumb_direction(tree: Tree, wrist: int, arm: Array, forward: Array) -> float:
-    """The thumb leaves the hand near the wrist and off the fingers' direction; in common rest poses it does so forward."""
+    """The thumb leaves the hand off the fingers' direction; in common rest poses it does so forward."""
     tips = [node for node in tree.below(wrist) if not tree.children[node] and node != wrist]
     rel = tree.positions[tips] - tree.positions[wrist]
     far = np.linalg.norm(rel, axis=1)

@@ -3,8 +3,8 @@
 The format leaves things open; this is how they are read here:
 
 - Position channels *replace* the OFFSET, as in Blender. Below the root some exporters write what is to be *added* to it
-  (MakeHuman's `tpose.bvh`). The first frame tells: values that vanish beside the offsets are added. A position axis
-  without channel keeps the offset's.
+  (MakeHuman's `tpose.bvh`). The first frame tells: where most joints would sit on top of their parents, the values
+  are added. A position axis without channel keeps the offset's.
 - The rest pose has identity rotations: at rest every joint sits at its OFFSET from its parent.
 - The frame time is printed with few digits; where it is what a usual frame rate rounds to, that rate is meant.
 - A frame is a line. Frames wrapped over several lines are understood when the numbers add up exactly.
@@ -236,14 +236,17 @@ def _bad_number(path: Path, file: BinaryIO, frames: _Frames, position: int) -> F
 
 
 def _positions_are_added(path: Path, file: BinaryIO, frames: _Frames, hierarchy: Hierarchy) -> bool:
-    """Whether position channels below the root hold changes of the offset; see the head of this file."""
+    """Whether position channels below the root hold changes of the offset; see the head of this file.
+
+    The evidence must be strong: in the first frame most of these joints would sit on top of their parents.
+    """
     columns, joints, axes = _position_channels(hierarchy)
     offsets = hierarchy.skeleton.offsets[joints, axes]
     telling = (joints > 0) & (offsets != 0)
     if not telling.any():
         return False
     first = next(_values(path, file, frames, len(hierarchy.channels)))[0, columns]
-    return bool(np.median(np.abs(first[telling])) < 0.1 * np.median(np.abs(offsets[telling])))
+    return bool(np.median(np.abs(first[telling] / offsets[telling])) < 1e-3)
 
 
 def _position_channels(hierarchy: Hierarchy) -> Int[Array, "3 channels"]:

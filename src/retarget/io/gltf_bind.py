@@ -52,7 +52,11 @@ def read_bindings(document: Document, tree: NodeTree, rig: Rig, size: float) -> 
             continue
         matrices = _matrices(document, skin["inverseBindMatrices"], len(joints), f"skins[{number}]")
         faulty = ~_invertible(matrices)
-        usable = ~faulty & _invertible(world)
+        # Validators refuse a last row that is not exactly 0 0 0 1, to the last digit.
+        clean = not faulty.any() and bool((matrices[:, 3] == [0, 0, 0, 1]).all())
+        matrices[:, 3] = 0, 0, 0, 1
+        usable = np.flatnonzero(~faulty & _invertible(world))
+        usable = usable[np.argsort(joints[usable])]  # the topmost first
         seen = np.einsum("jab,jbc->jac", world[usable], matrices[usable])
         T_world_mesh = _mesh_placement(seen, placed, size)
         if faulty.any():
@@ -65,11 +69,8 @@ def read_bindings(document: Document, tree: NodeTree, rig: Rig, size: float) -> 
             )
             rest = np.where(_invertible(world)[:, None, None], world, np.eye(4))
             matrices[faulty] = np.linalg.inv(rest[faulty]) @ T_world_mesh
-        # Validators refuse a last row that is not exactly 0 0 0 1, to the last digit.
-        clean = not faulty.any() and bool((matrices[:, 3] == [0, 0, 0, 1]).all())
-        matrices[:, 3] = 0, 0, 0, 1
         distinct = len(joints) == 1 or np.abs(np.diff(matrices, axis=0)).max() > 1e-9
-        bindings.append(Binding(joints, matrices, clean, T_world_mesh, bool(usable.any() and distinct)))
+        bindings.append(Binding(joints, matrices, clean, T_world_mesh, bool(len(usable) and distinct)))
     return bindings, notes
 
 

@@ -27,7 +27,7 @@ DTYPES = {code: np.dtype(name) for code, name in
           {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}.items()}  # fmt: skip
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 # What any file may unfold to in memory (elements of an accessor without data, vertices, frames times joints); beyond
-# that, as many as the file has bytes of data. So a small file cannot fill the memory by naming the same data many times.
+# that, as many as the file has bytes of data. A small file cannot fill the memory by naming the same data many times.
 ROOM = 4_000_000
 
 # Extensions that change how a surface looks or add data we pass over; geometry and motion stay plain glTF.

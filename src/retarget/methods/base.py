@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 from retarget.character import Character, Motion, Pose
+from retarget.io import save
 from retarget.motion.align import Actor
 
 # Names of the laws of tests/laws; a method lists those that it promises.
@@ -32,14 +34,28 @@ LAWS = frozenset(
 class Result:
     """A retargeted clip."""
 
-    character: Character
-    """The target, in the house's space; rigged on the way if it came bare."""
+    target: Actor
+    """Who performs it; rigged on the way if it came bare."""
     motion: Motion
-    """Over the target's skeleton, in the house's space."""
+    """Over the target's skeleton, in metres with +Y up."""
     status: str = "ok"
     """'ok', or what did not go as it should; output is finite either way."""
     stats: dict[str, Any] = field(default_factory=dict)
     """What was inferred, matched and measured."""
+
+    @property
+    def character(self) -> Character:
+        """The target in metres with +Y up, as `motion` wants it."""
+        return self.target.character
+
+    @property
+    def file_motion(self) -> Motion:
+        """The motion in the unit and axes of the target's own file."""
+        return self.target.house_from_file.inverse().motion(self.motion)
+
+    def save(self, path: str | Path, **options: Any) -> None:
+        """Write the target with this motion: a glTF target keeps all it had and gains a clip. See `io.save`."""
+        save(path, self.target.original, [self.file_motion], **options)
 
 
 class Retargeter(ABC):
@@ -47,7 +63,7 @@ class Retargeter(ABC):
 
     @abstractmethod
     def __call__(self, motion: Motion) -> Result:
-        """Retarget a clip of the source skeleton, in the house's space."""
+        """Retarget a clip of the source skeleton, in metres with +Y up."""
 
     @abstractmethod
     def step(self, pose: Pose) -> Pose:

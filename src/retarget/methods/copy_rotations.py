@@ -23,6 +23,7 @@ from retarget.methods.base import LAWS, Method, Result, Retargeter
 from retarget.motion.align import Actor, same_skeleton
 from retarget.motion.anatomy import bend_directions
 from retarget.motion.copy import CopyPlan, complete, copy_rotations, plan_copy, positions_of
+from retarget.motion.filter import FASTEST
 from retarget.motion.foot_lock import body_lift, hip_drop, limb_goal, reach_goals
 from retarget.motion.limits import Limit, ease_into_limits, joint_limits
 
@@ -97,6 +98,8 @@ class PreparedCopy(Retargeter):
             raise RetargetError("the motion belongs to another skeleton than the one that was prepared")
         if len(motion) == 0:
             raise RetargetError(f"the clip {motion.name!r} has no frames")
+        if motion.fps > FASTEST:
+            raise RetargetError(f"the clip {motion.name!r} runs at {motion.fps:g} frames a second; resample it to {FASTEST:g} or less (--fps)")
         rotations, positions = world_pose(motion)
         contacts = self._contacts(rotations, positions, motion.fps) if self.settings.foot_lock else None
         source_floor = self.source_floor
@@ -116,7 +119,7 @@ class PreparedCopy(Retargeter):
             world, hips = self._hold(world, placed, hips, contacts, source_floor, motion.fps)
         if self.settings.in_place:
             hips = hips * [0, 1, 0] + hips[0] * [1, 0, 1]
-        return Result(self.target.character, self._motion(world, hips, motion), stats=stats)
+        return Result(self.target, self._motion(world, hips, motion), stats=stats)
 
     def step(self, pose: Pose) -> Pose:
         """The pose of one frame, with no look-ahead: contacts are left as they come."""

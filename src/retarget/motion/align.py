@@ -1,4 +1,4 @@
-"""Bring what a file held into the house's space: metres, +Y up; and say what was inferred on the way.
+"""Bring what a file held into the space all else works in, metres with +Y up; and say what was inferred on the way.
 
 BVH says nothing of its unit or axes, and glTF files are often exported in centimetres whatever the standard says.
 The evidence used here: what the file states, which way the matched body stands (at rest and on average in its
@@ -62,9 +62,14 @@ class Similarity:
         return replace(mesh, vertices=self.points(mesh.vertices))
 
     def character(self, character: Character) -> Character:
-        """Skeleton, mesh and binds together: posed vertices turn and scale with the joints."""
+        """Skeleton, mesh and binds together: posed vertices turn and scale with the joints.
+
+        Its file no longer fits and is let go, unless nothing changes.
+        """
+        if self.scale == 1.0 and np.array_equal(self.rotation, rot.IDENTITY):
+            return character
         if character.skin is None:
-            return replace(character, skeleton=self.skeleton(character.skeleton))
+            return replace(character, skeleton=self.skeleton(character.skeleton), origin=None)
         back = np.eye(4)  # mesh coordinates before from mesh coordinates after, then the joint's scale
         back[:3, :3] = rot.to_matrix(rot.inverse(self.rotation)) / self.scale
         inverse_binds = character.skin.inverse_binds @ back
@@ -74,6 +79,7 @@ class Similarity:
             skeleton=self.skeleton(character.skeleton),
             mesh=self.mesh(character.mesh),
             skin=replace(character.skin, inverse_binds=inverse_binds),
+            origin=None,
         )
 
     def motion(self, motion: Motion) -> Motion:
@@ -85,9 +91,12 @@ class Similarity:
 
 @dataclass(frozen=True, eq=False)
 class Actor:
-    """A body in the house's space whose joints are known: what methods prepare on."""
+    """A body in metres with +Y up whose joints are known: what methods prepare on."""
 
+    original: Character
+    """As its file has it."""
     character: Character
+    """The same in metres with +Y up."""
     humanoid: Humanoid
     house_from_file: Similarity
     """How it came here; its inverse leads back to the file's space."""
@@ -166,7 +175,7 @@ def make_actor(
     unit: float | None = None,
     rest_surface: Float[Array, "vertices 3"] | None = None,
 ) -> Actor:
-    """Bring a matched body into the house's space.
+    """Bring a matched body into metres with +Y up.
 
     `convention` is what its file says, `motion` a clip that shows how it stands, `rest_surface` its rest vertices where
     they are known; `up` ('+y', '+z', ...) and `unit` (metres per unit) override every inference. Raises
@@ -182,8 +191,10 @@ def make_actor(
             raise RetargetError(f"up axis {up!r} is unknown; use one of {', '.join(AXES)}")
         up_axis = AXES[up]
     else:
-        up_axis, why = infer_up(humanoid, motion)
         stated = convention.up
+        # Where file and rest pose agree the motion is not asked: some clips lie down or crawl from first to last.
+        agreed = stated in AXES and np.array_equal(AXES[stated], infer_up(humanoid, None)[0])
+        up_axis, why = infer_up(humanoid, None if agreed else motion)
         name = next(each for each, axis in AXES.items() if np.allclose(axis, up_axis))
         if stated is None:
             notes.append(f"up axis {name}: {why}")
@@ -204,7 +215,7 @@ def make_actor(
     soles: Soles = {}
     if motion is not None and character.skin is None:
         soles = stance_soles(placed, humanoid, similarity.motion(motion))
-    return Actor(placed, humanoid, similarity, height * scale, tuple(notes), soles)
+    return Actor(character, placed, humanoid, similarity, height * scale, tuple(notes), soles)
 
 
 def stance_soles(character: Character, humanoid: Humanoid, motion: Motion) -> Soles:

@@ -15,7 +15,7 @@ from retarget.body.kinematics import levels, rest_pose
 from retarget.character import Skeleton
 from retarget.contact.support import leg_length
 from retarget.motion.align import Actor, same_skeleton
-from retarget.motion.anatomy import LIMBS, joint_from_frame, rest_frames
+from retarget.motion.anatomy import LIMBS, joint_from_frame, trunk_frame
 from retarget.motion.chains import Chain, share, trunk_and_neck
 
 Array = np.ndarray
@@ -104,7 +104,7 @@ def _chains(actor: Actor) -> tuple[Chain, Chain]:
 def _trunk_joint_from_frame(actor: Actor) -> Float[Array, "joints 4"]:
     """The trunk's frame seen from every joint: spine joints need no canonical name to take part in a chain."""
     rotations, _ = rest_pose(actor.skeleton)
-    return rot.multiply(rot.inverse(rotations), rest_frames(actor.skeleton, actor.humanoid)["hips"])
+    return rot.multiply(rot.inverse(rotations), trunk_frame(actor.humanoid.axes))
 
 
 def _straight_hip_height(actor: Actor, sole: float) -> float:

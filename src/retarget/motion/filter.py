@@ -13,6 +13,11 @@ from retarget.errors import RetargetError
 
 Array = np.ndarray
 
+FASTEST = 1000.0
+"""Frames a second. Beyond this a number is a mistake, and would only fill the memory."""
+MOST_FRAMES = 1_000_000
+"""What resampling makes of a clip at most, for the same reason."""
+
 
 def gaussian(values: Float[Array, "frames *axes"], sigma: float) -> Float[Array, "frames *axes"]:
     """Gaussian low-pass along the frames, `sigma` in frames; the ends are held."""
@@ -44,11 +49,16 @@ def upper_envelope(values: Float[Array, "frames"], reach: int) -> Float[Array, "
 
 
 def resample(motion: Motion, fps: float) -> Motion:
-    """The same motion at another frame rate: rotations by slerp, positions linearly; first frame and duration stay."""
-    if not (np.isfinite(fps) and fps > 0):
-        raise RetargetError(f"frame rate must be positive, received {fps}")
+    """The same motion at another frame rate: rotations by slerp, positions linearly; first frame and duration stay.
+
+    Raises `RetargetError` for a rate that is not positive or beyond `FASTEST`, or for more than `MOST_FRAMES`.
+    """
+    if not 0 < fps <= FASTEST:
+        raise RetargetError(f"frame rate must be positive and at most {FASTEST:g}, received {fps:g}")
     if fps == motion.fps or len(motion) < 2:
         return replace(motion, fps=fps)
+    if motion.seconds * fps > MOST_FRAMES:
+        raise RetargetError(f"{motion.seconds:g} s at {fps:g} frames a second are more than {MOST_FRAMES:,} frames; cut the clip first")
     count = int(np.floor(motion.seconds * fps + 1e-6)) + 1
     place = np.minimum(np.arange(count) * (motion.fps / fps), len(motion) - 1)
     left = np.minimum(place.astype(int), len(motion) - 2)
@@ -64,6 +74,9 @@ def resample(motion: Motion, fps: float) -> Motion:
 
 def cut(motion: Motion, start: float | None, end: float | None) -> Motion:
     """The part between two times in seconds. Raises `RetargetError` when nothing is left."""
+    for time in (start, end):
+        if time is not None and not np.isfinite(time):
+            raise RetargetError(f"start and end are times in seconds, received {time}")
     first = 0 if start is None else int(round(start * motion.fps))
     last = len(motion) if end is None else int(round(end * motion.fps)) + 1
     if not 0 <= first < min(last, len(motion)):

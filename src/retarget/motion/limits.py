@@ -62,7 +62,7 @@ def joint_limits(actor: Actor) -> tuple[Limit, ...]:
             zero = rot.multiply(K[above], _neutral(part, side))
             limits.append(Limit(joints[below], joints[above], K[below], zero, X, np.radians(swing), np.radians(twist)))
     name, carrier, swing, twist = _HEAD
-    above = next(each for each in ("upperChest", carrier, "spine") if each in joints)
+    above = next(each for each in ("upperChest", carrier, "spine", "hips") if each in joints)
     limits.append(Limit(joints[name], joints[above], K[name], K[above], Y, np.radians(swing), np.radians(twist)))
     return tuple(limits)
 

@@ -46,7 +46,7 @@ def motion_row(
 
 
 def _upright(asset: Asset, motion: Motion) -> tuple[Character, Motion, float | None]:
-    """Character and motion in the house's space where the body is recognised, with the ground it stands on at rest
+    """Character and motion in metres with +Y up where the body is recognised, with the ground it stands on at rest
     (what it wears or carries may hang below)."""
     try:
         actor = cast(asset, motion=motion)
