@@ -58,7 +58,7 @@ def build(path: Path) -> dict[str, np.ndarray]:
     skin = light_body(base, np.stack([average, *(body(*key) for key in KEY_BODIES)]), weights, joint_names)
     faces, mirror = skin.faces, skin.mirror
     combine = combination(skin.rows, len(base.vertices))
-    combine = smooth_chest(combine, faces, mirror, average) @ combine
+    combine = smooth_chest(combine, faces, average) @ combine
     light_weights = rig.finish_weights(skin_rows(combine, weights, joint_names), faces, mirror, joint_names)
 
     details = symmetric(base, detail_targets(source, len(base.vertices)))
@@ -145,28 +145,44 @@ def combination(rows: list[dict[int, float]], count: int) -> sparse.csr_matrix:
 
 
 def smooth_chest(
-    combine: sparse.csr_matrix, faces: np.ndarray, mirror: np.ndarray, average: np.ndarray, radius: float = 0.032
+    combine: sparse.csr_matrix, faces: np.ndarray, average: np.ndarray, radius: float = 0.03
 ) -> sparse.csr_matrix:
-    """Matrix that evens out the nipples, which would show through the painted shirt: rounds of neighbour averages.
+    """Matrix that evens out the nipples, which would show through the painted shirt, in every shape alike.
 
-    A matrix, so that it holds for every shape alike.
+    The vertices around each tip go where a thin plate through their surroundings would be (bi-Laplacian, cotangents of
+    the average body).
     """
     vertices = combine @ average
-    high, low = np.quantile(vertices[:, 1], [0.75, 0.45])
-    front = (vertices[:, 0] > 0.03) & (vertices[:, 0] < 0.15) & (vertices[:, 1] > low) & (vertices[:, 1] < high)
-    shoulder = np.ptp(vertices[:, 1]) * 0.72 + vertices[:, 1].min()  # the breast lies a little below this height
-    near = front & (np.abs(vertices[:, 1] - shoulder) < 0.09)
-    tip = vertices[np.where(near, vertices[:, 2], -np.inf).argmax()]
+    share = (vertices[:, 1] - vertices[:, 1].min()) / np.ptp(vertices[:, 1])
+    breast = (np.abs(vertices[:, 0] - 0.09) < 0.06) & (share > 0.68) & (share < 0.78)
+    tip = vertices[np.where(breast, vertices[:, 2], -np.inf).argmax()]
     inside = np.linalg.norm(vertices * np.where(vertices[:, :1] < 0, [-1, 1, 1], 1) - tip, axis=1) < radius
+    laplacian, area = cotangent_laplacian(vertices, faces)
+    plate = (laplacian @ sparse.diags(1 / area) @ laplacian).tocsr()
+    free = np.flatnonzero(inside)
+    held = np.flatnonzero(~inside)
+    solved = np.linalg.solve(plate[free][:, free].toarray(), -plate[free][:, held].toarray())
+    result = sparse.lil_matrix(sparse.diags((~inside).astype(float)))
+    for row, weights in zip(free, solved, strict=True):
+        used = np.flatnonzero(np.abs(weights) > 1e-9)
+        result[row, held[used]] = weights[used]
+    return result.tocsr()
+
+
+def cotangent_laplacian(vertices: np.ndarray, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
+    """Positive semi-definite cotangent Laplacian and the area around each vertex."""
     count = len(vertices)
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    near = sparse.coo_matrix((np.ones(len(edges)), edges.T), shape=(count, count)).tocsr()
-    mean = sparse.diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near
-    once = sparse.diags(np.where(inside, 0.4, 1.0)) + sparse.diags(np.where(inside, 0.6, 0.0)) @ mean
-    total = sparse.identity(count, format="csr")
-    for _ in range(12):
-        total = once @ total
-    return total.tocsr()
+    laplacian = sparse.csr_matrix((count, count))
+    area = np.zeros(count)
+    for k in range(3):
+        a, b, c = (faces[:, (k + i) % 3] for i in range(3))
+        u, v = vertices[b] - vertices[a], vertices[c] - vertices[a]
+        double = np.linalg.norm(np.cross(u, v), axis=1)
+        half = 0.5 * (u * v).sum(axis=1) / double
+        for i, j, sign in ((b, c, -1), (c, b, -1), (b, b, 1), (c, c, 1)):
+            laplacian = laplacian + sparse.coo_matrix((sign * half, (i, j)), shape=(count, count))
+        np.add.at(area, a, double / 6)
+    return laplacian.tocsr(), area
 
 
 def skin_rows(combine: sparse.csr_matrix, weights: np.ndarray, joint_names: list[str]) -> np.ndarray:

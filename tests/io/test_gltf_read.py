@@ -72,12 +72,12 @@ def test_integers_are_normalised_as_specified(tmp_path):
 
 def test_influences_take_the_form_that_gltf_wants():
     rng = np.random.default_rng(0)
-    weights = rng.random((500, 9)) * (rng.random((500, 9)) < 0.6) + np.eye(9)[rng.integers(0, 9, 500)]
+    weights = rng.random((5000, 9)) * (rng.random((5000, 9)) < 0.6) + 0.1
     weights /= weights.sum(axis=1, keepdims=True)
-    joints = rng.integers(0, 12, (500, 9))
+    joints = rng.integers(0, 12, (5000, 9))
     merged, single = merge_influences(joints, weights)
     assert merged.shape == single.shape and merged.shape[1] % 4 == 0 and single.dtype == np.float32
-    assert np.abs(single.sum(axis=1, dtype=float) - 1).max() < 6e-8
+    assert np.abs(single.sum(axis=1, dtype=float) - 1).max() < 3e-8
     for row in range(500):
         used = merged[row][single[row] > 0]
         assert len(set(used)) == len(used) and (merged[row][single[row] == 0] == 0).all()
@@ -265,7 +265,7 @@ def test_rates_from_few_or_odd_keys():
 
 
 def test_key_frames_are_hit_exactly(tmp_path):
-    asset = loaded(worm(keys=9), tmp_path)
+    asset = loaded(worm(keys=9, fps=25.0), tmp_path)
     reference = Reference(tmp_path / "a.glb")
     keys = reference.accessor(reference.json["animations"][0]["samplers"][0]["output"])
     np.testing.assert_allclose(

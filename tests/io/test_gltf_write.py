@@ -222,7 +222,7 @@ def test_faults_are_written_repaired(tmp_path):
     m.binary[start : start + 192] = flat.astype("<f4").tobytes()
     weights = m.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"]
     start = m.json["bufferViews"][m.json["accessors"][weights]["bufferView"]]["byteOffset"]
-    m.binary[start : start + 48] = np.float32([[0, 0, 0, 0], [-1, 1, 0, 0], [2, 2, 0, 0]]).tobytes()
+    m.binary[start : start + 48] = np.float32([[0, 0, 0, 0], [-1, 1, np.nan, 0], [2, 2, 0, 0]]).tobytes()
     m.json["accessors"][weights].pop("min"), m.json["accessors"][weights].pop("max")
     m.json["accessors"][-1].pop("min", None), m.json["accessors"][-1].pop("max", None)
     asset = gltf.load(m.glb(tmp_path / "a.glb"))
@@ -238,6 +238,36 @@ def test_faults_are_written_repaired(tmp_path):
     shown = np.stack([Reference(tmp_path / "b.glb").vertices(1, k / 30) for k in range(5)])
     np.testing.assert_allclose(shown, skin_motion(asset.character, asset.motion(0)), atol=1e-5)
     assert errors_found(tmp_path / "b.glb") == [[]]
+
+
+def test_a_clip_sets_whatever_the_others_set(tmp_path):
+    """Players keep what a clip does not set: it must not come from the clip played before."""
+    m = worm(stretchy=True, joint_scale=2.0)
+    clip = m.json["animations"][0]
+    clip["samplers"].append({"input": clip["samplers"][0]["input"], "output": m.accessor(np.full((5, 3), 3.0))})
+    clip["channels"].append({"sampler": 4, "target": {"node": 1, "path": "scale"}})
+    character = gltf.load(m.glb(tmp_path / "a.glb")).character
+    moving = replace(dance(character.skeleton), moved=(0, 2), translations=np.ones((7, 2, 3)))
+    gltf.save(tmp_path / "b.glb", character, [still_motion(character.skeleton, 4), moving])
+    reference = Reference(tmp_path / "b.glb")
+    for clip in reference.json["animations"][1:]:
+        targets = {(c["target"]["node"], c["target"]["path"]): clip["samplers"][c["sampler"]] for c in clip["channels"]}
+        assert set(targets) == {(j, "rotation") for j in range(3)} | {(j, "translation") for j in range(3)} | {
+            (1, "scale")
+        }
+        assert (reference.accessor(targets[1, "scale"]["output"]) == 2.0).all()
+    rest = reference.accessor(targets[1, "translation"]["output"])
+    np.testing.assert_allclose(rest, [[0, 0.7, 0]] * 2, atol=1e-6)
+
+
+def test_joints_scaled_to_nothing_stay_finite(tmp_path):
+    m = worm()
+    m.json["nodes"][1]["scale"] = [0, 0, 0]
+    character = gltf.load(m.glb(tmp_path / "a.glb")).character
+    gltf.save(tmp_path / "b.glb", character, [dance(character.skeleton)])
+    gltf.save(tmp_path / "c.glb", character, [dance(character.skeleton)], animation_only=True)
+    for name in ("b.glb", "c.glb"):
+        assert gltf.load(tmp_path / name).motion(0).rotations.shape[1] == 3
 
 
 def test_inverse_binds_rounded_in_the_last_row_are_written_exactly(tmp_path):

@@ -47,19 +47,24 @@ def bodies(tree: Tree, names: NameScores) -> list[Body]:
     """Readings of the skeleton as a human, the cheapest first."""
     found = limbs(tree, names)
     legs, arms = (pairs(tree, names, kind, found[kind]) for kind in ("leg", "arm"))
-    drafts = []
+    drafts: list[Body] = []
     for leg in legs:
         up_leg = tree.above(leg.trunk)
         for arm in arms:
-            draft = _draft(tree, names, leg, arm, up_leg)
+            preference = -1.5 * float(np.log(leg.length / tree.scale) + np.log(arm.length / tree.scale))
+            if drafts and leg.cost + arm.cost + preference - 2.0 > drafts[0].cost + 12.0:
+                continue  # no head can make up for this
+            draft = _draft(tree, names, leg, arm, up_leg, preference)
             if draft is not None:
                 drafts.append(draft)
-    drafts.sort(key=lambda body: body.cost)
-    complete = [_with_head(tree, names, draft) for draft in drafts[:12]]
-    return sorted(complete, key=lambda body: body.cost)
+                drafts.sort(key=lambda body: body.cost)
+    near = [draft for draft in drafts[:12] if draft.cost < drafts[0].cost + 12.0]
+    return sorted((_with_head(tree, names, draft) for draft in near), key=lambda body: body.cost)
 
 
-def _draft(tree: Tree, names: NameScores, legs: Pair, arms: Pair, up_leg: list[int]) -> Body | None:
+def _draft(
+    tree: Tree, names: NameScores, legs: Pair, arms: Pair, up_leg: list[int], preference: float
+) -> Body | None:
     """A body without its head; None where legs and arms cannot belong together."""
     if legs.trunk == arms.trunk and set(legs.tops) & set(arms.tops):
         return None
@@ -81,7 +86,6 @@ def _draft(tree: Tree, names: NameScores, legs: Pair, arms: Pair, up_leg: list[i
     for x, y in zip(legs.limbs, arms.limbs):  # the same side for leg and arm
         a, b = names.sides[x.nodes[0]], names.sides[y.nodes[0]]
         named += 1.0 if a and b and a != b else 0.0
-    preference = -1.5 * float(np.log(legs.length / tree.scale) + np.log(arms.length / tree.scale))
     spine = tree.path(hips, arms.trunk)[1:]
     return Body(hips, spine, legs, arms, [], None, up, float(cost), float(named), preference)
 
@@ -133,7 +137,7 @@ def _with_head(tree: Tree, names: NameScores, body: Body) -> Body:
 
 def _forks(tree: Tree, node: int) -> bool:
     """Does more than one thing hang on this joint (eyes, jaw, hair), as on a head?"""
-    return tree.branches[node] > 1 or len(tree.children[node]) > 2
+    return bool(tree.branches[node] > 1 or len(tree.children[node]) > 2)
 
 
 def _head_cost(tree: Tree, node: int, shoulder: Array, up: Array, left: Array, height: float) -> float:

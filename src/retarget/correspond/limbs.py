@@ -41,92 +41,96 @@ class Limb:
         return self.shape_cost + self.name_cost
 
 
-def limbs(tree: Tree, names: NameScores) -> dict[str, dict[int, list[Limb]]]:
+def limbs(tree: Tree, names: NameScores, keep: int = 6) -> dict[str, dict[int, list[Limb]]]:
     """Per kind ('leg', 'arm') and child of the trunk: the cheapest limbs inside that child's branch."""
-    halves = _halves(tree)
-    upper, middle, lower, lengths, shape = _triples(tree, halves)
+    upper, middle, lower, lengths, shape = _triples(tree)
+    in_line = _in_line(tree, upper, middle)
     found: dict[str, dict[int, list[Limb]]] = {"leg": {}, "arm": {}}
-    if not len(upper):
-        return found
     for kind, branches in found.items():
         cost = shape + _proportion_cost(tree, kind, lower, lengths)
         named = _name_cost(names, tree.joints, LIMB_PARTS[kind], (upper, middle, lower))
-        keep = np.flatnonzero(cost + named < 14.0)
-        for t in keep[np.argsort((cost + named)[keep], kind="stable")]:
-            top, lead = int(upper[t]), 0.0
-            for _ in range(5):  # collar bones and helpers between the trunk and the limb
-                if top == 0:
-                    break
-                free = 0.95 if kind == "arm" else 0.45
-                shape_cost = float(cost[t] + outside(lead / lengths[t, 0], 0.0, free, 0.2) + 0.15 * (lead > 0))
-                shape_cost += 1.5 * (kind == "leg" and lead > 0 and _in_line(tree, int(upper[t]), int(middle[t])))
+        rows = np.flatnonzero(cost + named < 14.0)
+        top, lead = upper[rows], np.zeros(len(rows))
+        free = 0.95 if kind == "arm" else 0.45
+        options = []
+        for _ in range(5):  # collar bones and helpers between the trunk and the limb
+            rows, top, lead = rows[top > 0], top[top > 0], lead[top > 0]
+            total = cost[rows] + outside(lead / lengths[rows, 0], 0.0, free, 0.2) + 0.15 * (lead > 0)
+            total = total + 1.5 * ((kind == "leg") & (lead > 0) & in_line[rows])
+            options.append(np.stack([top, rows, lead, total], axis=1))
+            top, lead = tree.parents[top], lead + tree.steps[top]
+        table = np.concatenate(options)
+        table = table[np.lexsort((table[:, 3] + named[table[:, 1].astype(int)], table[:, 0]))]
+        for at, row, path, total in table:
+            mine, t = branches.setdefault(int(at), []), int(row)
+            if len(mine) < keep:
                 triple = (int(upper[t]), int(middle[t]), int(lower[t]))
                 pair = (float(lengths[t, 0]), float(lengths[t, 1]))
-                branches.setdefault(top, []).append(Limb(triple, pair, shape_cost, float(named[t]), lead))
-                lead += float(tree.steps[top])
-                top = int(tree.parents[top])
-        for top in branches:
-            branches[top] = sorted(branches[top], key=lambda limb: limb.cost)[:8]
+                mine.append(Limb(triple, pair, float(total), float(named[t]), float(path)))
     return found
 
 
-def _in_line(tree: Tree, upper: int, middle: int) -> bool:
+def _in_line(tree: Tree, upper: Array, middle: Array) -> Array:
     """Does the bone before the limb's first joint run along the limb? Then the limb began a joint earlier."""
     before = tree.positions[upper] - tree.positions[tree.parents[upper]]
     first = tree.positions[middle] - tree.positions[upper]
-    return bool(before @ first > 0.95 * tree.steps[upper] * np.linalg.norm(first) > 0.0)
+    along = (before * first).sum(axis=1)
+    return (along > 0.95 * tree.steps[upper] * np.linalg.norm(first, axis=1)) & (along > 0)
 
 
-def _halves(tree: Tree) -> dict[int, list[tuple[int, float, float]]]:
-    """Straight stretches: per lower node the upper nodes with length and the cost of the joints between them."""
-    halves: dict[int, list[tuple[int, float, float]]] = {}
-    shortest = 0.02 * tree.scale
-    for low in range(1, len(tree.parents)):
-        between: list[int] = []
-        up = int(tree.parents[low])
-        for _ in range(MAX_STEPS):
-            if up < 0:
-                break
-            line = tree.positions[low] - tree.positions[up]
-            length = float(np.sqrt(line @ line))
-            if length > shortest:
-                bend = bend_cost = 0.0
-                if between:
-                    rel = tree.positions[between] - tree.positions[up]
-                    off = np.linalg.norm(rel - np.outer(rel @ line, line) / length**2, axis=1)
-                    # Off the line, and off in direction as seen from the start (a helper joint before the real one).
-                    away = np.maximum(np.linalg.norm(rel, axis=1), 1e-9)
-                    early = np.where(away > 0.02 * length, off / away, 0.0) * (away < 0.35 * length)
-                    bend = max(float(off.max()) / length, 0.15 * float(early.max()))
-                    # Joints between the ends are rare, and joints that branch belong to the end of a limb.
-                    inner = int(((away > 1e-3 * length) & (away < 0.999 * length)).sum())
-                    bend_cost = float(outside(bend, 0.0, 0.02, 0.08)) + min(0.4 * inner, 1.2)
-                    bend_cost += 2.0 * float((tree.branches[between] > 1).sum())
-                if bend < 0.35:
-                    halves.setdefault(low, []).append((up, length, bend_cost))
-            between.append(up)
-            up = int(tree.parents[up])
-    return halves
+def _halves(tree: Tree) -> tuple[Array, Array, Array, Array]:
+    """Straight stretches of bones: upper node, lower node, length, and the cost of the joints between them."""
+    above = [np.arange(len(tree.parents))]
+    for _ in range(MAX_STEPS):
+        above.append(np.where(above[-1] >= 0, tree.parents[above[-1]], -1))
+    found = []
+    for steps in range(1, MAX_STEPS + 1):
+        low = np.flatnonzero(above[steps] >= 0)
+        up = above[steps][low]
+        line = tree.positions[low] - tree.positions[up]
+        length = np.linalg.norm(line, axis=1)
+        long = length > 0.02 * tree.scale
+        low, up, line, length = low[long], up[long], line[long], length[long]
+        bend, early, inner, forks = (np.zeros(len(low)) for _ in range(4))
+        for step in range(1, steps):
+            mid = above[step][low]
+            rel = tree.positions[mid] - tree.positions[up]
+            away, along = np.linalg.norm(rel, axis=1), (rel * line).sum(axis=1) / length
+            off = np.sqrt(np.maximum(away**2 - along**2, 0.0))
+            bend = np.maximum(bend, off / length)
+            # Off in direction as seen from the start: a helper joint before the real one.
+            begins = (away > 0.02 * length) & (away < 0.35 * length)
+            early = np.maximum(early, np.where(begins, off / np.maximum(away, 1e-12), 0.0))
+            inner += (away > 1e-3 * length) & (away < 0.999 * length)
+            forks += tree.branches[mid] > 1
+        bend = np.maximum(bend, 0.15 * early)
+        # Joints between the ends are rare, and joints that branch belong to the end of a limb.
+        cost = outside(bend, 0.0, 0.02, 0.08) + np.minimum(0.4 * inner, 1.2) + 2.0 * forks
+        straight = bend < 0.35
+        found.append((up[straight], low[straight], length[straight], cost[straight]))
+    return tuple(np.concatenate(column) for column in zip(*found))
 
 
-def _triples(tree: Tree, halves: dict[int, list[tuple[int, float, float]]]) -> tuple[Array, Array, Array, Array, Array]:
+def _triples(tree: Tree) -> tuple[Array, Array, Array, Array, Array]:
     """Two straight stretches in a row, with the part of their cost that legs and arms share."""
-    rows = [
-        (up, mid, low, first, second, cost + more)
-        for low, stretches in halves.items()
-        for mid, second, more in stretches
-        for up, first, cost in halves.get(mid, ())
-        if 0.4 < second / first < 2.5
-    ]
-    table = np.array(rows, dtype=np.float64).reshape(-1, 6)
-    upper, middle, lower = (table[:, column].astype(np.int64) for column in range(3))
-    lengths = table[:, 3:5]
+    up, low, length, cost = _halves(tree)
+    order = np.argsort(low, kind="stable")
+    up, low, length, cost = up[order], low[order], length[order], cost[order]
+    first = np.searchsorted(low, up, side="left")  # of the stretches that end where this one begins
+    count = np.searchsorted(low, up, side="right") - first
+    second = np.repeat(np.arange(len(up)), count)
+    first = np.repeat(first, count) + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    ratio = length[second] / length[first]
+    alike = (ratio > 0.4) & (ratio < 2.5)
+    first, second = first[alike], second[alike]
+    upper, middle, lower = up[first], up[second], low[second]
+    lengths = np.stack([length[first], length[second]], axis=1)
     direct = np.linalg.norm(tree.positions[lower] - tree.positions[upper], axis=1)
-    cost = outside(direct / lengths.sum(axis=1), 0.8, 1.01, 0.15) + table[:, 5]
-    cost = cost + np.where(tree.branches[middle] > 1, 2.0, 0.0)  # limbs do not branch at the knee or the elbow
+    total = cost[first] + cost[second] + outside(direct / lengths.sum(axis=1), 0.8, 1.01, 0.15)
+    total = total + np.where(tree.branches[middle] > 1, 2.0, 0.0)  # limbs do not branch at the knee or the elbow
     for nodes in (upper, middle, lower):  # of two joints in one place the first one moves the other
-        cost = cost + np.where(tree.steps[nodes] < 1e-4 * tree.scale, 0.5, 0.0)
-    return upper, middle, lower, lengths, cost
+        total = total + np.where(tree.steps[nodes] < 1e-4 * tree.scale, 0.5, 0.0)
+    return upper, middle, lower, lengths, total
 
 
 def _proportion_cost(tree: Tree, kind: str, lower: Array, lengths: Array) -> Array:
@@ -183,7 +187,7 @@ class Pair:
         return tree.positions[[limb.nodes[which] for limb in self.limbs]]
 
 
-def pairs(tree: Tree, names: NameScores, kind: str, branches: dict[int, list[Limb]], most: int = 40) -> list[Pair]:
+def pairs(tree: Tree, names: NameScores, kind: str, branches: dict[int, list[Limb]], most: int = 24) -> list[Pair]:
     """The cheapest pairs of limbs of one kind."""
     by_trunk: dict[int, list[int]] = {}
     for top in branches:
@@ -193,12 +197,23 @@ def pairs(tree: Tree, names: NameScores, kind: str, branches: dict[int, list[Lim
         tops = sorted(tops, key=lambda top: branches[top][0].cost)[:10]
         for i, a in enumerate(tops):
             for b in tops[i + 1 :]:
-                best = min(
-                    (_join(tree, names, kind, trunk, (a, b), (x, y)) for x in branches[a] for y in branches[b]),
-                    key=lambda pair: pair.cost,
-                )
-                found.append(best)
+                if branches[a][0].cost + branches[b][0].cost < 20.0:
+                    found.append(_best_pair(tree, names, kind, trunk, (a, b), branches))
     return sorted(found, key=lambda pair: pair.cost - 2.0 * np.log(pair.length))[:most]
+
+
+def _best_pair(
+    tree: Tree, names: NameScores, kind: str, trunk: int, tops: tuple[int, int], branches: dict[int, list[Limb]]
+) -> Pair:
+    """The cheapest of all limbs of one branch with all of another."""
+    best: Pair | None = None
+    choices = [(x, y) for x in branches[tops[0]] for y in branches[tops[1]]]
+    for two in sorted(choices, key=lambda two: two[0].cost + two[1].cost):
+        if best is not None and two[0].cost + two[1].cost - 0.9 >= best.cost:
+            break  # joining two limbs earns 0.9 at most
+        pair = _join(tree, names, kind, trunk, tops, two)
+        best = pair if best is None or pair.cost < best.cost else best
+    return best
 
 
 def _join(tree: Tree, names: NameScores, kind: str, trunk: int, tops: tuple[int, int], two: tuple[Limb, Limb]) -> Pair:

@@ -37,7 +37,7 @@ def two_bone(
     # A limb straighter than about 3 degrees has no reliable plane: fade over to the pole.
     straight = np.clip(1 - np.linalg.norm(aside, axis=-1, keepdims=True) / (0.05 * upper_length[..., None] + 1e-12), 0, 1)
     aside = rot.unit(rot.unit(aside) * (1 - straight) + rot.unit(towards_pole) * straight)
-    along = (upper_length**2 + distance**2 - lower_length**2) / (2 * distance)
+    along = (upper_length**2 + distance**2 - lower_length**2) / np.maximum(2 * distance, 1e-12)
     height = np.sqrt(np.maximum(upper_length**2 - along**2, 0))
     new_middle = top + line * along[..., None] + aside * height[..., None]
     new_end = top + line * distance[..., None]
