@@ -1,7 +1,7 @@
 """Motions made in code for the tests: a walk whose feet stand, and ways to change bodies and motions without changing what is seen."""
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -17,13 +17,13 @@ from retarget.retargeting import Hints, cast
 UP = np.array([0.0, 1.0, 0.0])
 
 
-@lru_cache(maxsize=None)
+@cache
 def body(preset="thin"):
     """The embedded human; its joints carry canonical names."""
     return human(**PRESETS[preset])
 
 
-@lru_cache(maxsize=None)
+@cache
 def actor(preset="thin"):
     """The embedded human, ready for a method."""
     return cast_by_names(body(preset))
@@ -68,7 +68,7 @@ def with_feet_at(world, hips, ankles, fps, name):
     return Motion(skeleton, local_rotations(skeleton.parents, world), hips[:, None], fps, name=name)
 
 
-@lru_cache(maxsize=None)
+@cache
 def walk(fps=30.0, steps=4, stride=0.35, climb=0.0):
     """A walk forward: feet stand still while they stand, arms swing, the trunk turns. Each step climbs by `climb` metres."""
     skeleton = body().skeleton
@@ -100,7 +100,7 @@ def walk(fps=30.0, steps=4, stride=0.35, climb=0.0):
     return with_feet_at(poses(frames, turns), hips, (left, right), fps, "walk")
 
 
-@lru_cache(maxsize=None)
+@cache
 def stand(fps=30.0, frames=45):
     """Standing still on both feet while the hips sway and sink and the arms wave."""
     skeleton = body().skeleton

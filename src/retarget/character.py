@@ -27,7 +27,9 @@ def _floats(owner: Any, field: str, shape: tuple[int | None, ...], dtype: type =
         raise RetargetError(f"{type(owner).__name__}.{field} is not an array of numbers: {error}") from None
     _expect_shape(owner, field, value, shape)
     if not np.isfinite(value).all():
-        raise RetargetError(f"{type(owner).__name__}.{field} has {int((~np.isfinite(value)).sum())} values that are not finite")
+        raise RetargetError(
+            f"{type(owner).__name__}.{field} has {int((~np.isfinite(value)).sum())} values that are not finite"
+        )
     object.__setattr__(owner, field, value)
 
 
@@ -82,10 +84,14 @@ class Skeleton:
         _unit_quaternions(self, "rest_rotations")
         if len(set(self.names)) != count:
             double = sorted({name for name in self.names if self.names.count(name) > 1})
-            raise RetargetError(f"joint names must be unique; {double[0]!r} appears {self.names.count(double[0])} times")
+            raise RetargetError(
+                f"joint names must be unique; {double[0]!r} appears {self.names.count(double[0])} times"
+            )
         roots = np.flatnonzero(self.parents == -1)
         if len(roots) != 1 or roots[0] != 0:
-            raise RetargetError(f"a skeleton has exactly one root, its first joint; received roots {[self.names[i] for i in roots[:4]]}")
+            raise RetargetError(
+                f"a skeleton has exactly one root, its first joint; received roots {[self.names[i] for i in roots[:4]]}"
+            )
         if (self.parents[1:] < 0).any() or (self.parents >= np.arange(count)).any():
             raise RetargetError("parents must come before their children (the joints form a cycle or are out of order)")
 
@@ -138,7 +144,9 @@ class Mesh:
             _floats(self, "uvs", (len(self.vertices), 2))
         if self.face_materials is not None:
             _ints(self, "face_materials", (len(self.faces),))
-            if self.face_materials.size and not 0 <= self.face_materials.min() <= self.face_materials.max() < max(len(self.materials), 1):
+            if self.face_materials.size and not 0 <= self.face_materials.min() <= self.face_materials.max() < max(
+                len(self.materials), 1
+            ):
                 raise RetargetError(f"Mesh.face_materials names a material outside the {len(self.materials)} present")
 
 
@@ -181,7 +189,9 @@ class Skin:
             raise RetargetError("Skin.weights must not be negative")
         total = self.weights.sum(axis=1)
         if self.weights.size and np.abs(total - 1.0).max() > 1e-3:
-            raise RetargetError(f"Skin.weights must sum to one a vertex; vertex {int(np.abs(total - 1).argmax())} sums to {total[np.abs(total - 1).argmax()]:.4g}")
+            raise RetargetError(
+                f"Skin.weights must sum to one a vertex; vertex {int(np.abs(total - 1).argmax())} sums to {total[np.abs(total - 1).argmax()]:.4g}"
+            )
         if self.weights.size:
             object.__setattr__(self, "weights", self.weights / total[:, None])
 
@@ -202,7 +212,9 @@ class Character:
             raise RetargetError("a character has both a mesh and a skin, or neither")
         if self.skin is not None:
             if len(self.skin.columns) != len(self.mesh.vertices):
-                raise RetargetError(f"the skin has {len(self.skin.columns)} vertices, the mesh {len(self.mesh.vertices)}")
+                raise RetargetError(
+                    f"the skin has {len(self.skin.columns)} vertices, the mesh {len(self.mesh.vertices)}"
+                )
             if self.skin.joints.size and self.skin.joints.max() >= len(self.skeleton):
                 raise RetargetError(f"the skin follows joint {int(self.skin.joints.max())} of {len(self.skeleton)}")
 
@@ -237,8 +249,14 @@ class Motion:
         _floats(self, "rotations", (None, len(self.skeleton), 4))
         _unit_quaternions(self, "rotations")
         _floats(self, "translations", (len(self.rotations), len(self.moved), 3))
-        if self.moved[:1] != (0,) or list(self.moved) != sorted(set(self.moved)) or self.moved[-1] >= len(self.skeleton):
-            raise RetargetError(f"Motion.moved must ascend from the root (0) within {len(self.skeleton)} joints, received {self.moved}")
+        if (
+            self.moved[:1] != (0,)
+            or list(self.moved) != sorted(set(self.moved))
+            or self.moved[-1] >= len(self.skeleton)
+        ):
+            raise RetargetError(
+                f"Motion.moved must ascend from the root (0) within {len(self.skeleton)} joints, received {self.moved}"
+            )
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise RetargetError(f"Motion.fps must be positive, received {self.fps}")
 

@@ -27,8 +27,12 @@ log = logging.getLogger("retarget")
 File = Annotated[Path, typer.Argument(show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what was inferred.")]
-Up = Annotated[Optional[str], typer.Option(help="Up axis of the source: +y, +z, ... (inferred if not given).", show_default=False)]
-Unit = Annotated[Optional[float], typer.Option(help="Metres per unit of the source (inferred if not given).", show_default=False)]
+Up = Annotated[
+    Optional[str], typer.Option(help="Up axis of the source: +y, +z, ... (inferred if not given).", show_default=False)
+]
+Unit = Annotated[
+    Optional[float], typer.Option(help="Metres per unit of the source (inferred if not given).", show_default=False)
+]
 
 
 def main() -> None:
@@ -57,32 +61,54 @@ def _version(wanted: bool) -> None:
 
 
 @app.callback()
-def _common(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False) -> None:
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
     pass
 
 
 def _listen(verbose: bool) -> None:
-    logging.basicConfig(format="%(message)s", level=logging.INFO if verbose else logging.WARNING, stream=sys.stderr, force=True)
+    logging.basicConfig(
+        format="%(message)s", level=logging.INFO if verbose else logging.WARNING, stream=sys.stderr, force=True
+    )
 
 
 @app.command()
 def run(
-    inputs: Annotated[list[Path], typer.Argument(help="Motions (files or folders), and last the character.", show_default=False)],
-    output: Annotated[Path, typer.Option("--output", "-o", help="File, or folder when several results come out.", show_default=False)],
-    clip: Annotated[Optional[str], typer.Option(help="Name of the clip, for files with several.", show_default=False)] = None,
+    inputs: Annotated[
+        list[Path], typer.Argument(help="Motions (files or folders), and last the character.", show_default=False)
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="File, or folder when several results come out.", show_default=False)
+    ],
+    clip: Annotated[
+        Optional[str], typer.Option(help="Name of the clip, for files with several.", show_default=False)
+    ] = None,
     all_clips: Annotated[bool, typer.Option("--all-clips", help="Every clip of every motion file.")] = False,
     start: Annotated[Optional[float], typer.Option(help="First second to take.", show_default=False)] = None,
     end: Annotated[Optional[float], typer.Option(help="Last second to take.", show_default=False)] = None,
-    fps: Annotated[Optional[float], typer.Option(help="Frame rate of the result (the source's if not given).", show_default=False)] = None,
+    fps: Annotated[
+        Optional[float], typer.Option(help="Frame rate of the result (the source's if not given).", show_default=False)
+    ] = None,
     method: Annotated[str, typer.Option(help="Method, by name.")] = "auto",
     in_place: Annotated[bool, typer.Option("--in-place", help="Drop the horizontal path.")] = False,
-    foot_lock: Annotated[bool, typer.Option("--foot-lock/--no-foot-lock", help="Hold what rests on the ground.")] = True,
-    animation_only: Annotated[bool, typer.Option("--animation-only", help="Write joints and animation, no surface.")] = False,
-    map_file: Annotated[Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)] = None,
+    foot_lock: Annotated[
+        bool, typer.Option("--foot-lock/--no-foot-lock", help="Hold what rests on the ground.")
+    ] = True,
+    animation_only: Annotated[
+        bool, typer.Option("--animation-only", help="Write joints and animation, no surface.")
+    ] = False,
+    map_file: Annotated[
+        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
+    ] = None,
     up: Up = None,
     unit: Unit = None,
     target_up: Annotated[Optional[str], typer.Option(help="Up axis of the character.", show_default=False)] = None,
-    target_unit: Annotated[Optional[float], typer.Option(help="Metres per unit of the character.", show_default=False)] = None,
+    target_unit: Annotated[
+        Optional[float], typer.Option(help="Metres per unit of the character.", show_default=False)
+    ] = None,
     as_json: Json = False,
     verbose: Verbose = False,
 ) -> None:
@@ -134,21 +160,34 @@ def map_(
 @app.command()
 def body(
     output: Annotated[Path, typer.Option("--output", "-o", help="The .glb to write.", show_default=False)],
-    preset: Annotated[Optional[str], typer.Option(help="thin, heavy, child, muscular, ... as a start.", show_default=False)] = None,
+    preset: Annotated[
+        Optional[str], typer.Option(help="thin, heavy, child, muscular, ... as a start.", show_default=False)
+    ] = None,
     gender: Annotated[Optional[float], typer.Option(help="0 female to 1 male.", show_default=False)] = None,
-    age: Annotated[Optional[float], typer.Option(help="0 baby, 0.25 child, 0.5 adult, 1 old.", show_default=False)] = None,
+    age: Annotated[
+        Optional[float], typer.Option(help="0 baby, 0.25 child, 0.5 adult, 1 old.", show_default=False)
+    ] = None,
     muscle: Annotated[Optional[float], typer.Option(help="0 to 1.", show_default=False)] = None,
     weight: Annotated[Optional[float], typer.Option(help="0 to 1; beyond extrapolates.", show_default=False)] = None,
     height: Annotated[Optional[float], typer.Option(help="Metres.", show_default=False)] = None,
     proportions: Annotated[Optional[float], typer.Option(help="0 to 1.", show_default=False)] = None,
-    shape: Annotated[Optional[list[str]], typer.Option(help="A finer component, NAME=VALUE; may be repeated.", show_default=False)] = None,
-    motion: Annotated[Optional[str], typer.Option(help="An embedded motion to perform (see `retarget motions`).", show_default=False)] = None,
+    shape: Annotated[
+        Optional[list[str]], typer.Option(help="A finer component, NAME=VALUE; may be repeated.", show_default=False)
+    ] = None,
+    motion: Annotated[
+        Optional[str], typer.Option(help="An embedded motion to perform (see `retarget motions`).", show_default=False)
+    ] = None,
 ) -> None:
     """Write the embedded parametric human: `retarget body --weight 0.9 --height 1.6 --age 0.3 -o child.glb`."""
     from retarget.commands import write_body
 
     given = dict(gender=gender, age=age, muscle=muscle, weight=weight, height=height, proportions=proportions)
-    _say(write_body(output, preset, {name: value for name, value in given.items() if value is not None}, shape or [], motion), False)
+    _say(
+        write_body(
+            output, preset, {name: value for name, value in given.items() if value is not None}, shape or [], motion
+        ),
+        False,
+    )
 
 
 @app.command()
@@ -166,7 +205,9 @@ def picture(
     frames: Annotated[int, typer.Option(help="Pictures a row.", min=1, max=32)] = 8,
     size: Annotated[int, typer.Option(help="Height of a picture in pixels.", min=64, max=2048)] = 512,
     view: Annotated[str, typer.Option(help="three-quarter, front, side, back, or degrees.")] = "three-quarter",
-    clip: Annotated[Optional[str], typer.Option(help="Name of the clip (the last one if not given).", show_default=False)] = None,
+    clip: Annotated[
+        Optional[str], typer.Option(help="Name of the clip (the last one if not given).", show_default=False)
+    ] = None,
 ) -> None:
     """Draw frames side by side, several files as rows."""
     from retarget.commands import draw
@@ -178,7 +219,9 @@ def picture(
 def bench(
     name: Annotated[str, typer.Argument(help="skeletal")],
     quick: Annotated[bool, typer.Option("--quick", help="An honest subset in at most 45 s.")] = False,
-    json_file: Annotated[Optional[Path], typer.Option("--json", help="Also write everything to this file.", show_default=False)] = None,
+    json_file: Annotated[
+        Optional[Path], typer.Option("--json", help="Also write everything to this file.", show_default=False)
+    ] = None,
     verbose: Verbose = False,
 ) -> None:
     """Measure the methods on fixed cases, all in one run."""

@@ -78,12 +78,16 @@ def _result_files(files: list[Path], order: Order) -> list[Path]:
     """Where each result goes in the output folder. Refuses what could not be a folder, and two results of one name."""
     existing = next(path for path in (order.output, *order.output.absolute().parents) if path.exists())
     if not existing.is_dir():
-        raise FileError(order.output, f"cannot be made a folder: {existing} is a file; name the output file.glb, or another folder")
+        raise FileError(
+            order.output, f"cannot be made a folder: {existing} is a file; name the output file.glb, or another folder"
+        )
     names: dict[Path, Path] = {}
     for file in files:
         name = order.output / f"{file.stem}_{order.target.stem}{_suffix(order.target)}"
         if name in names:
-            raise FileError(name, f"two results would have this name, of {names[name]} and of {file}; rename one, or run them apart")
+            raise FileError(
+                name, f"two results would have this name, of {names[name]} and of {file}; rename one, or run them apart"
+            )
         names[name] = file
     return list(names)
 
@@ -129,7 +133,12 @@ def _wanted_clips(asset: Asset, order: Order) -> list[int]:
     if order.all_clips and names:
         return list(range(len(names)))
     if len(names) > 1:
-        log.warning("%s holds %d clips; taking the first, %r (--clip NAME or --all-clips to choose)", asset.path, len(names), names[0])
+        log.warning(
+            "%s holds %d clips; taking the first, %r (--clip NAME or --all-clips to choose)",
+            asset.path,
+            len(names),
+            names[0],
+        )
     return [0]
 
 
@@ -260,7 +269,9 @@ def write_joint_map(source: Path, target: Path, output: Path) -> dict[str, Any]:
     return {"lines": [f"{output}: {len(shared)} joints shared; edit it and hand it to `retarget run --map {output}`"]}
 
 
-def write_body(output: Path, preset: str | None, shape: Mapping[str, float], components: list[str], motion: str | None) -> dict[str, Any]:
+def write_body(
+    output: Path, preset: str | None, shape: Mapping[str, float], components: list[str], motion: str | None
+) -> dict[str, Any]:
     """Write the embedded human, still or performing an embedded motion."""
     from retarget.body.human import PRESETS, human, human_model
     from retarget.errors import unknown_name
@@ -287,7 +298,11 @@ def write_body(output: Path, preset: str | None, shape: Mapping[str, float], com
         clips = [prepare(cast(human(**PRESETS[PERFORMER])), cast(character))(performance).motion]
     save(output, character, clips)
     tall = float(character.mesh.vertices[:, 1].max() - character.mesh.vertices[:, 1].min())
-    return {"lines": [f"{output}: {tall:.3f} m tall, {len(character.mesh.vertices)} vertices, {len(character.skeleton)} joints"]}
+    return {
+        "lines": [
+            f"{output}: {tall:.3f} m tall, {len(character.mesh.vertices)} vertices, {len(character.skeleton)} joints"
+        ]
+    }
 
 
 def list_motions() -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The verb: a motion and a character go in, the character performing the motion comes out.
 
-    load → Character, Motion → match joints → method → Result → save
+load → Character, Motion → match joints → method → Result → save
 """
 
 from __future__ import annotations
@@ -51,7 +51,10 @@ def cast(subject: str | Path | Asset | Character, hints: Hints | None = None, mo
     else:
         asset = open_asset(subject)
         if asset.character is None:
-            raise FileError(asset.path, f"holds a {asset.kind} without skeleton; a rigged character (glTF with a skin) or a BVH is needed")
+            raise FileError(
+                asset.path,
+                f"holds a {asset.kind} without skeleton; a rigged character (glTF with a skin) or a BVH is needed",
+            )
         character, convention = asset.character, asset.convention
     humanoid = _humanoid(character, hints.joints)
     surface = rest_vertices(character) if character.skin is not None else None
@@ -64,7 +67,10 @@ def _humanoid(character: Character, joints: Mapping[str, str] | None) -> Humanoi
         missing = tuple(name for name in NEEDED if name not in humanoid.joints)
         if missing:
             lines = ", ".join(f'{name} = "name of the joint"' for name in missing)
-            raise MatchError(f"no joint was found for {', '.join(missing)}; name what the body has in a map file, a line each: {lines}", missing)
+            raise MatchError(
+                f"no joint was found for {', '.join(missing)}; name what the body has in a map file, a line each: {lines}",
+                missing,
+            )
         return humanoid
     except MatchError as error:
         raise MatchError(f"{character.name}: {error}" if character.name else str(error), error.missing) from None

@@ -315,7 +315,7 @@ class TestShapes:
             ({"wieght": 0.5}, "'weight'"),
             ({"weight": 2.5}, "from 0 to 2, received 2.5"),
             ({"weight": float("nan")}, "received nan"),
-({"belly": -1.1}, "from -1 to 1"),
+            ({"belly": -1.1}, "from -1 to 1"),
             ({"height": 170}, "from 0.4 to 3 metres"),
         ],
     )

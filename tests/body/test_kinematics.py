@@ -21,7 +21,12 @@ QUARTER_Z = rot.from_rotation_vector(np.array([0, 0, np.pi / 2]))
 
 
 def arm():
-    return Skeleton(("a", "b", "c"), np.array([-1, 0, 1]), np.array([[0, 1, 0], [1, 0, 0], [1, 0, 0.0]]), np.tile(rot.IDENTITY, (3, 1)))
+    return Skeleton(
+        ("a", "b", "c"),
+        np.array([-1, 0, 1]),
+        np.array([[0, 1, 0], [1, 0, 0], [1, 0, 0.0]]),
+        np.tile(rot.IDENTITY, (3, 1)),
+    )
 
 
 def test_an_arm_bent_twice_by_a_right_angle():

@@ -58,7 +58,10 @@ def test_leg_length_by_hand_and_scaled():
     actor = cast_by_names(body())
     offsets = actor.skeleton.offsets
     expected = np.mean(
-        [sum(np.linalg.norm(offsets[actor.skeleton.index(side + part)]) for part in ("LowerLeg", "Foot")) for side in ("left", "right")]
+        [
+            sum(np.linalg.norm(offsets[actor.skeleton.index(side + part)]) for part in ("LowerLeg", "Foot"))
+            for side in ("left", "right")
+        ]
     )
     assert leg_length(actor.skeleton, actor.humanoid) == pytest.approx(expected)
     assert leg_length(scaled(body(), 2.5).skeleton, actor.humanoid) == pytest.approx(2.5 * expected)
@@ -68,7 +71,9 @@ def test_a_foot_without_toes_has_a_ball_too():
     skeleton = body().skeleton
     names = {name: name for name in skeleton.names if not name.endswith("Toes")}
     actor = cast_by_names(replace(body(), origin=None), names)
-    points = support_points(support_limbs(actor.character, actor.humanoid), *(each[None] for each in rest_pose(skeleton)))
+    points = support_points(
+        support_limbs(actor.character, actor.humanoid), *(each[None] for each in rest_pose(skeleton))
+    )
     for heel, ball in (each[0] for each in points[:2]):
         assert 0.08 < ball[2] - heel[2] < 0.25
 

@@ -13,7 +13,9 @@ def test_angles():
     assert angle_error_degrees(x, x)[0, 0] == 0
     assert angle_error_degrees(x, -x)[0, 0] == pytest.approx(180)
     tiny = np.array([[[1.0, 1e-6, 0]]])
-    assert angle_error_degrees(x, tiny)[0, 0] == pytest.approx(np.degrees(1e-6), rel=1e-6), "exact near zero, unlike arccos"
+    assert angle_error_degrees(x, tiny)[0, 0] == pytest.approx(np.degrees(1e-6), rel=1e-6), (
+        "exact near zero, unlike arccos"
+    )
 
 
 def test_a_slide_of_4_cm():

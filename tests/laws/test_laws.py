@@ -2,7 +2,7 @@
 
 import inspect
 from dataclasses import fields, replace
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 import pytest
@@ -37,7 +37,10 @@ def law(name):
     for method, kind in METHODS.items():
         if name in kind.laws:
             locks = [True, False] if "foot_lock" in {field.name for field in fields(kind)} else [None]
-            cases += [pytest.param(kind if lock is None else (lambda k=kind, v=lock: k(foot_lock=v)), id=f"{method}-{lock}") for lock in locks]
+            cases += [
+                pytest.param(kind if lock is None else (lambda k=kind, v=lock: k(foot_lock=v)), id=f"{method}-{lock}")
+                for lock in locks
+            ]
     return pytest.mark.parametrize("make", cases)
 
 
@@ -46,7 +49,7 @@ def perform(make, motion, target, source=None):
     return prepare(source or actor(), target, make())(motion).motion
 
 
-@lru_cache(maxsize=None)
+@cache
 def walked(method, preset):
     """The walk on another embedded body: what a changed input is compared with."""
     return prepare(actor(), actor(preset), method)(walk()).motion
@@ -55,7 +58,9 @@ def walked(method, preset):
 def surface(character, motion):
     """Posed vertices on a few frames."""
     few = slice(None, None, 15)
-    return skin_motion(character, replace(motion, rotations=motion.rotations[few], translations=motion.translations[few]))
+    return skin_motion(
+        character, replace(motion, rotations=motion.rotations[few], translations=motion.translations[few])
+    )
 
 
 def joint_gap(motion, expected):

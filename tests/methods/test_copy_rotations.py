@@ -51,7 +51,9 @@ def jump(height=0.4):
     """Up and down again with a stand before and after."""
     motion = still_motion(body().skeleton, 60, 30.0, name="jump")
     flight = np.clip((np.arange(60) / 30.0 - 0.6) / 0.6, 0, 1)
-    return replace(motion, translations=motion.translations + (4 * height * flight * (1 - flight))[:, None, None] * [0, 1, 0])
+    return replace(
+        motion, translations=motion.translations + (4 * height * flight * (1 - flight))[:, None, None] * [0, 1, 0]
+    )
 
 
 def test_jumps_stay_jumps():
@@ -90,14 +92,14 @@ def test_the_shortest_clips(frames, fps):
 
 
 def test_what_no_body_can_do_is_eased_and_what_it_can_is_not_touched():
-    world = poses(30, {"rightLowerLeg": ramp(30, 0, 29)[:, None] * [-2.9, 0, 0]})  # a knee bent forward by 166 degrees
+    world = poses(30, {"rightLowerLeg": ramp(30, 0, 29)[:, None] * [0, 2.0, 0]})  # a shin twisted by 115 degrees
     skeleton = body().skeleton
     motion = Motion(skeleton, local_rotations(skeleton.parents, world), np.tile(skeleton.offsets[0], (30, 1, 1)), 30.0)
     eased, copied = (prepare(actor(), actor(), foot_lock=False, limits=each)(motion).motion for each in (True, False))
     assert rot.angle_between(copied.rotations, motion.rotations).max() < 1e-6
     gap = rot.angle_between(world_pose(eased)[0], world_pose(motion)[0])
     shin = skeleton.index("rightLowerLeg")
-    assert gap[-1, shin] > np.radians(0.1) and gap[:20].max() < 1e-6
+    assert gap[-1, shin] > np.radians(20) and gap[:10].max() < 1e-6
     foot = skeleton.index("rightFoot")
     assert gap[:, foot].max() < 1e-6, "what the joint carries keeps its world rotation"
     for motion in (walk(), stand()):

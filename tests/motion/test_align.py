@@ -22,7 +22,9 @@ def humanoid(character):
 
 
 def actor_of(character, convention=None, motion=None, **hints):
-    return make_actor(character, humanoid(character), convention, motion, rest_surface=rest_vertices(character), **hints)
+    return make_actor(
+        character, humanoid(character), convention, motion, rest_surface=rest_vertices(character), **hints
+    )
 
 
 def lying(motion):

@@ -23,7 +23,11 @@ def test_the_first_axis_of_a_limb_is_its_bone(rest):
     character = in_other_rest_pose(body(), RESTS[rest])
     _, at = rest_pose(character.skeleton)
     frames = frames_of(character)
-    for start, end in (("leftUpperArm", "leftLowerArm"), ("rightLowerArm", "rightHand"), ("leftUpperLeg", "leftLowerLeg")):
+    for start, end in (
+        ("leftUpperArm", "leftLowerArm"),
+        ("rightLowerArm", "rightHand"),
+        ("leftUpperLeg", "leftLowerLeg"),
+    ):
         bone = at[character.skeleton.index(end)] - at[character.skeleton.index(start)]
         assert np.allclose(rot.rotate(frames[start], X), rot.unit(bone), atol=1e-9)
 
@@ -36,8 +40,12 @@ def test_frames_turn_with_the_bones_so_that_posed_palms_and_feet_agree(rest):
     pose = rot.from_rotation_vector(np.random.default_rng(0).normal(size=(len(plain.skeleton), 3)))
     K, other = (joint_from_frame(actor.skeleton, actor.humanoid) for actor in actors)
     for name, joint in actors[0].humanoid.joints.items():
-        angle = np.degrees(rot.angle_between(rot.multiply(pose[joint], K[name]), rot.multiply(pose[joint], other[name])))
-        allowed = 2.0 if "Hand" in name or "Arm" in name or "imal" in name or "Distal" in name or "Thumb" in name else 1e-6
+        angle = np.degrees(
+            rot.angle_between(rot.multiply(pose[joint], K[name]), rot.multiply(pose[joint], other[name]))
+        )
+        allowed = (
+            2.0 if "Hand" in name or "Arm" in name or "imal" in name or "Distal" in name or "Thumb" in name else 1e-6
+        )
         assert angle < (allowed if "Shoulder" not in name else 1e-6), name
 
 

@@ -26,7 +26,9 @@ def person(spine=1, neck=True):
     rows.append(("head", rows[-1][0], (0, 0.1 if neck else 0.24, 0)))
     for side, sign in (("left", 1), ("right", -1)):
         for part, (above, offset) in LIMBS.items():
-            rows.append((side + part, above if above in ("hips", "chest") else side + above, np.array(offset) * [sign, 1, 1]))
+            rows.append(
+                (side + part, above if above in ("hips", "chest") else side + above, np.array(offset) * [sign, 1, 1])
+            )
     names = tuple(row[0] for row in rows)
     parents = np.array([-1 if above is None else names.index(above) for _, above, _ in rows])
     return Skeleton(names, parents, np.array([row[2] for row in rows], float), np.tile(rot.IDENTITY, (len(rows), 1)))

@@ -20,13 +20,17 @@ from retarget.retargeting import Hints, cast, prepare
 def test_limbs_point_where_the_sources_point(preset, rest):
     target = cast_by_names(in_other_rest_pose(body(preset), arms_turned(rest)))
     result = prepare(actor(), target, foot_lock=False)(walk()).motion
-    directions = [limb_directions(each, world_pose(motion)[1]) for each, motion in ((actor(), walk()), (target, result))]
+    directions = [
+        limb_directions(each, world_pose(motion)[1]) for each, motion in ((actor(), walk()), (target, result))
+    ]
     assert angle_error_degrees(*directions).max() < 1e-3
 
 
 def test_a_joint_without_partner_rests_in_its_parent():
     names = {name: name for name in body().skeleton.names}
-    fingerless = {name: name for name in names if not any(part in name for part in ("imal", "Distal", "Thumb", "Intermediate"))}
+    fingerless = {
+        name: name for name in names if not any(part in name for part in ("imal", "Distal", "Thumb", "Intermediate"))
+    }
     source, target = cast_by_names(body(), fingerless), actor("heavy")
     plan = plan_copy(source, target, 0.0, 0.0)
     assert "leftIndexProximal" in plan.unmatched and "leftHand" not in plan.unmatched
@@ -80,7 +84,11 @@ def test_positions_hang_on_the_hips():
     still = still_motion(skeleton, 2)
     hips = np.array([[0.0, 1, 0], [2, 3, 4]])
     placed = positions_of(skeleton, still.rotations, 0, hips)
-    _, expected = forward(skeleton.parents, still.rotations, np.where(np.arange(len(skeleton))[:, None] == 0, hips[:, None], skeleton.offsets))
+    _, expected = forward(
+        skeleton.parents,
+        still.rotations,
+        np.where(np.arange(len(skeleton))[:, None] == 0, hips[:, None], skeleton.offsets),
+    )
     assert np.allclose(placed, expected)
 
 
@@ -97,4 +105,6 @@ def test_a_root_above_the_hips_stays_where_it_is():
     assert result.moved == (0, 1)
     _, places = world_pose(result)
     assert np.abs(places[:, 0]).max() == 0
-    assert np.abs(places[:, 1:] - world_pose(walk())[1]).max() < 0.05, "the skeleton alone measures its soles a little otherwise"
+    assert np.abs(places[:, 1:] - world_pose(walk())[1]).max() < 0.05, (
+        "the skeleton alone measures its soles a little otherwise"
+    )

@@ -10,7 +10,9 @@ from retarget.character import Motion, Skeleton
 from retarget.errors import RetargetError
 from retarget.motion.filter import FASTEST, cut, gaussian, resample, upper_envelope
 
-BONE = Skeleton(("root", "tip"), np.array([-1, 0]), np.zeros((2, 3)) + [[0, 0, 0], [0, 1, 0]], np.tile(rot.IDENTITY, (2, 1)))
+BONE = Skeleton(
+    ("root", "tip"), np.array([-1, 0]), np.zeros((2, 3)) + [[0, 0, 0], [0, 1, 0]], np.tile(rot.IDENTITY, (2, 1))
+)
 
 
 def turning(frames, fps, rate=1.0):
@@ -96,7 +98,11 @@ def test_resampling_does_not_fill_the_memory():
 def test_cutting_by_seconds():
     motion = turning(61, 30.0)
     part = cut(motion, 0.5, 1.0)
-    assert len(part) == 16 and part.translations[0, 0, 0] == pytest.approx(0.5) and part.translations[-1, 0, 0] == pytest.approx(1.0)
+    assert (
+        len(part) == 16
+        and part.translations[0, 0, 0] == pytest.approx(0.5)
+        and part.translations[-1, 0, 0] == pytest.approx(1.0)
+    )
     assert len(cut(motion, None, None)) == 61
     assert len(cut(motion, 1.0, None)) == 31
     assert len(cut(motion, None, 99.0)) == 61, "an end beyond the clip is the clip's end"

@@ -139,7 +139,9 @@ def test_hips_stay_when_the_legs_reach():
     displacement = np.zeros((frames, 3)) + [0.0, 0.02, 0.05]
     assert np.abs(hip_drop([goal_at(displacement, np.ones(frames, bool))], leg(frames), FPS)).max() == 0
     far = np.zeros((frames, 3)) + [0.0, -0.3, 0.0]
-    assert np.abs(hip_drop([goal_at(far, np.zeros(frames, bool))], leg(frames), FPS)).max() == 0, "free legs pull nothing down"
+    assert np.abs(hip_drop([goal_at(far, np.zeros(frames, bool))], leg(frames), FPS)).max() == 0, (
+        "free legs pull nothing down"
+    )
 
 
 def test_limbs_reach_their_goals_after_the_hips_sank():

@@ -45,9 +45,13 @@ def test_a_limb_that_is_there_already_is_left_alone():
 
 def test_a_right_angle_by_hand():
     # Bones of 1 and 1 stretched down; the goal at distance sqrt(2) needs a right angle at the knee.
-    new_middle, new_end = reached(TOP, np.array([0, -1, 0]), np.array([0, -2, 0]), np.array([0, -np.sqrt(2), 0]), np.array([0, 0, 1]))
+    new_middle, new_end = reached(
+        TOP, np.array([0, -1, 0]), np.array([0, -2, 0]), np.array([0, -np.sqrt(2), 0]), np.array([0, 0, 1])
+    )
     assert np.allclose(new_end, [0, -np.sqrt(2), 0], atol=1e-9)
-    assert np.allclose(new_middle, [0, -np.sqrt(0.5), np.sqrt(0.5)], atol=1e-9), "a straight limb bends towards the pole"
+    assert np.allclose(new_middle, [0, -np.sqrt(0.5), np.sqrt(0.5)], atol=1e-9), (
+        "a straight limb bends towards the pole"
+    )
 
 
 def test_the_bend_stays_in_its_plane_whatever_the_pole():
@@ -61,7 +65,9 @@ def test_out_of_reach_is_approached_along_the_line(distance, expected):
     middle, end = np.array([0, -1, 0.2]), np.array([0, -1.4, 0.5])  # lengths about 1 and 0.5
     goal = np.array([0.6, -0.8, 0.0]) * distance
     scale = np.linalg.norm(middle)
-    new_middle, new_end = reached(TOP, middle / scale, middle / scale + rot.unit(end - middle) * 0.5, goal, np.array([0, 0, 1]))
+    new_middle, new_end = reached(
+        TOP, middle / scale, middle / scale + rot.unit(end - middle) * 0.5, goal, np.array([0, 0, 1])
+    )
     assert np.isfinite(new_end).all()
     assert np.abs(new_end - rot.unit(goal) * expected).max() < 0.01
 

@@ -46,7 +46,9 @@ def local_rotations(
     """Parent-from-joint rotations of given world rotations: the inverse of `forward`."""
     local = world_rotations.copy()
     child = np.flatnonzero(parents >= 0)
-    local[..., child, :] = rot.multiply(rot.inverse(world_rotations[..., parents[child], :]), world_rotations[..., child, :])
+    local[..., child, :] = rot.multiply(
+        rot.inverse(world_rotations[..., parents[child], :]), world_rotations[..., child, :]
+    )
     return local
 
 

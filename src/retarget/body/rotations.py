@@ -121,7 +121,9 @@ def twist_about(q: Float[Array, "*#batch 4"], axis: Float[Array, "*#batch 3"]) -
     return normalise(np.concatenate([along * axis, q[..., 3:]], axis=-1))
 
 
-def slerp(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"], t: Float[Array, "*#batch"] | float) -> Float[Array, "*batch 4"]:
+def slerp(
+    a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"], t: Float[Array, "*#batch"] | float
+) -> Float[Array, "*batch 4"]:
     """Shortest-arc interpolation from `a` (t = 0) to `b` (t = 1); extrapolates for t outside [0, 1]."""
     return multiply(a, from_rotation_vector(to_rotation_vector(multiply(inverse(a), b)) * np.asarray(t)[..., None]))
 
@@ -167,6 +169,8 @@ def to_euler(q: Float[Array, "*batch 4"], order: str) -> Float[Array, "*batch 3"
     m = to_matrix(q)
     middle = np.arcsin(np.clip(sign * m[..., i, k], -1.0, 1.0))
     locked = np.abs(m[..., i, k]) > 1 - 1e-13  # gimbal lock: give the whole turn to the first angle
-    first = np.where(locked, np.arctan2(sign * m[..., k, j], m[..., j, j]), np.arctan2(-sign * m[..., j, k], m[..., k, k]))
+    first = np.where(
+        locked, np.arctan2(sign * m[..., k, j], m[..., j, j]), np.arctan2(-sign * m[..., j, k], m[..., k, k])
+    )
     third = np.where(locked, 0.0, np.arctan2(-sign * m[..., i, j], m[..., i, i]))
     return np.stack([first, middle, third], axis=-1)

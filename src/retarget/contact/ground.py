@@ -113,7 +113,9 @@ def sliding(
     return creeping
 
 
-def floor_height(points: Float[Array, "frames points 3"], slow: Bool[Array, "frames points"], leg_length: float) -> float:
+def floor_height(
+    points: Float[Array, "frames points 3"], slow: Bool[Array, "frames points"], leg_length: float
+) -> float:
     """Height of the main floor: where the lowest points rest when they rest; the lowest point seen if they never do."""
     lowest = points[..., 1].min(axis=1)
     resting = np.where(slow, points[..., 1], np.inf).min(axis=1)

@@ -65,7 +65,9 @@ def support_limbs(character: Character, humanoid: Humanoid) -> tuple[SupportLimb
         knuckle = joints.get(f"{side}MiddleProximal")
         forearm = rest[wrist] - rest[chain[1]]
         palm = rest[knuckle] if knuckle is not None else rest[wrist] + 0.35 * forearm
-        limbs.append(SupportLimb(f"{side}Arm", chain, rot.rotate(rot.inverse(rotations[wrist]), palm - rest[wrist])[None]))
+        limbs.append(
+            SupportLimb(f"{side}Arm", chain, rot.rotate(rot.inverse(rotations[wrist]), palm - rest[wrist])[None])
+        )
     return tuple(limbs)
 
 

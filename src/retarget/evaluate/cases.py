@@ -68,7 +68,9 @@ def with_other_joint_axes(character: Character, seed: int) -> Character:
     turn = rot.normalise(np.random.default_rng(seed).normal(size=(len(skeleton), 4)))
     above = np.concatenate([rot.IDENTITY[None], turn[skeleton.parents[1:]]])
     back = rot.inverse(above)
-    ends = skeleton.end_offsets and {j: rot.rotate(rot.inverse(turn[j]), end) for j, end in skeleton.end_offsets.items()}
+    ends = skeleton.end_offsets and {
+        j: rot.rotate(rot.inverse(turn[j]), end) for j, end in skeleton.end_offsets.items()
+    }
     rolled = Skeleton(
         skeleton.names,
         skeleton.parents,
@@ -90,9 +92,7 @@ def arms_turned(down_degrees: float) -> dict[str, Float[Array, "3"]]:
     return {"leftUpperArm": np.array([0, 0, -angle]), "rightUpperArm": np.array([0, 0, angle])}
 
 
-def limb_directions(
-    actor: Actor, world_positions: Float[Array, "frames joints 3"]
-) -> Float[Array, "frames limbs 3"]:
+def limb_directions(actor: Actor, world_positions: Float[Array, "frames joints 3"]) -> Float[Array, "frames limbs 3"]:
     """Upper and lower arms and legs, both sides."""
     at = lambda name: world_positions[:, actor.humanoid.joints[name]]  # noqa: E731
     pairs = [("UpperArm", "LowerArm"), ("LowerArm", "Hand"), ("UpperLeg", "LowerLeg"), ("LowerLeg", "Foot")]
@@ -143,8 +143,9 @@ def _surface_markers(actor: Actor, note) -> None:
 
 
 def marker_directions(
-    markers: dict[str, tuple[int, Float[Array, "3"]]], names: list[str], world_rotations: Float[Array, "frames joints 4"]
+    markers: dict[str, tuple[int, Float[Array, "3"]]],
+    names: list[str],
+    world_rotations: Float[Array, "frames joints 4"],
 ) -> Float[Array, "frames markers 3"]:
     """World directions of the named markers in every frame."""
     return np.stack([rot.rotate(world_rotations[:, markers[name][0]], markers[name][1]) for name in names], axis=1)
-

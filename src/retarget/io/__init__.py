@@ -43,7 +43,9 @@ def load(path: str | Path) -> Asset:
         raise FileError(path, str(error)) from None
 
 
-def save(path: str | Path, character: Character, motions: Sequence[Motion], *, animation_only: bool = False, **options: Any) -> None:
+def save(
+    path: str | Path, character: Character, motions: Sequence[Motion], *, animation_only: bool = False, **options: Any
+) -> None:
     """Write a character with its motions (glTF), or one motion alone (BVH).
 
     The file appears whole or not at all. Raises `FileError` for a suffix that cannot hold it or a folder that cannot be
@@ -54,10 +56,14 @@ def save(path: str | Path, character: Character, motions: Sequence[Motion], *, a
     try:
         if path.suffix.lower() == ".bvh":
             if len(motions) != 1:
-                raise FileError(path, f"a BVH file holds one clip, received {len(motions)}; write one file a clip, or a .glb")
+                raise FileError(
+                    path, f"a BVH file holds one clip, received {len(motions)}; write one file a clip, or a .glb"
+                )
             importlib.import_module("retarget.io.bvh").save(path, motions[0])
         else:
-            importlib.import_module("retarget.io.gltf").save(path, character, motions, animation_only=animation_only, **options)
+            importlib.import_module("retarget.io.gltf").save(
+                path, character, motions, animation_only=animation_only, **options
+            )
     except OSError as error:
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
 
@@ -66,7 +72,9 @@ def check_output(path: str | Path) -> None:
     """Refuse an output that could not be written, before any work is done. Raises `FileError`."""
     path = Path(path)
     if path.suffix.lower() not in MOTION_SUFFIXES:
-        raise FileError(path, f"cannot write {path.suffix or 'a file without suffix'!r}; use {', '.join(MOTION_SUFFIXES)}")
+        raise FileError(
+            path, f"cannot write {path.suffix or 'a file without suffix'!r}; use {', '.join(MOTION_SUFFIXES)}"
+        )
     if path.is_dir():
         raise FileError(path, "is a folder")
     if not path.parent.is_dir():

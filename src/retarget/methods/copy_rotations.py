@@ -99,7 +99,9 @@ class PreparedCopy(Retargeter):
         if len(motion) == 0:
             raise RetargetError(f"the clip {motion.name!r} has no frames")
         if motion.fps > FASTEST:
-            raise RetargetError(f"the clip {motion.name!r} runs at {motion.fps:g} frames a second; resample it to {FASTEST:g} or less (--fps)")
+            raise RetargetError(
+                f"the clip {motion.name!r} runs at {motion.fps:g} frames a second; resample it to {FASTEST:g} or less (--fps)"
+            )
         rotations, positions = world_pose(motion)
         contacts = self._contacts(rotations, positions, motion.fps) if self.settings.foot_lock else None
         source_floor = self.source_floor
@@ -149,7 +151,10 @@ class PreparedCopy(Retargeter):
         return ground_contacts(points, fps, leg_length(self.source.skeleton, self.source.humanoid))
 
     def _copy(
-        self, rotations: Float[Array, "frames joints 4"], positions: Float[Array, "frames joints 3"], source_floor: float
+        self,
+        rotations: Float[Array, "frames joints 4"],
+        positions: Float[Array, "frames joints 3"],
+        source_floor: float,
     ) -> tuple[Float[Array, "frames targets 4"], Float[Array, "frames 3"]]:
         """World rotations of the target, and where its hips go: the middle of the hip sockets follows the scaled path."""
         plan = self.plan
@@ -175,7 +180,10 @@ class PreparedCopy(Retargeter):
         support = np.split((contacts.support - source_floor) * self.plan.scale + self.floor, counts, axis=1)
         points = support_points(self.target_limbs, world, placed)
         # The floor is no obstacle to a foot that goes below it in the source (a step down, a captured slope).
-        sources = [(heights - source_floor) * self.plan.scale + self.floor for heights in np.split(contacts.heights, counts, axis=1)]
+        sources = [
+            (heights - source_floor) * self.plan.scale + self.floor
+            for heights in np.split(contacts.heights, counts, axis=1)
+        ]
         ground = [np.minimum(self.floor, heights.min(axis=1)) for heights in sources]
         lift = body_lift(points[:LEGS], touching[:LEGS], support[:LEGS], fps)[:, None] * [0.0, 1.0, 0.0]
         placed, hips = placed + lift[:, None], hips + lift
@@ -202,4 +210,6 @@ class PreparedCopy(Retargeter):
             local = rot.rotate(rot.inverse(world[:, above]), hips - placed[:, above])
             root = np.broadcast_to(skeleton.offsets[0], hips.shape)
             translations, moved = np.stack([root, local], axis=1), (0, joint)
-        return Motion(skeleton, rotations, translations, source.fps if source else 30.0, moved, source.name if source else "")
+        return Motion(
+            skeleton, rotations, translations, source.fps if source else 30.0, moved, source.name if source else ""
+        )

@@ -24,7 +24,9 @@ from retarget.motion.anatomy import Soles
 
 Array = np.ndarray
 
-AXES = {f"{sign}{axis}": value * np.eye(3)[i] for sign, value in (("+", 1.0), ("-", -1.0)) for i, axis in enumerate("xyz")}
+AXES = {
+    f"{sign}{axis}": value * np.eye(3)[i] for sign, value in (("+", 1.0), ("-", -1.0)) for i, axis in enumerate("xyz")
+}
 
 # Units that people's skeletons come in, metres; the last is the CMU database's own (an inch divided by 0.45).
 UNITS = {"m": 1.0, "cm": 0.01, "dm": 0.1, "mm": 0.001, "inch": 0.0254, "foot": 0.3048, "CMU unit": 0.0254 / 0.45}
@@ -121,8 +123,11 @@ def body_height(skeleton: Skeleton, humanoid: Humanoid, vertices: Array | None =
     if vertices is not None and len(vertices):
         along = vertices @ humanoid.axes[1]
         return float(np.percentile(along, 99.9) - np.percentile(along, 0.1))
-    chain = lambda names: sum(  # noqa: E731
-        float(np.linalg.norm(positions[humanoid.joints[a]] - positions[humanoid.joints[b]])) for a, b in zip(names, names[1:])
+    chain = (
+        lambda names: sum(  # noqa: E731
+            float(np.linalg.norm(positions[humanoid.joints[a]] - positions[humanoid.joints[b]]))
+            for a, b in zip(names, names[1:])
+        )
     )
     legs = [chain([side + part for part in ("UpperLeg", "LowerLeg", "Foot")]) for side in ("left", "right")]
     hips = positions[[humanoid.joints["leftUpperLeg"], humanoid.joints["rightUpperLeg"]]].mean(axis=0)
@@ -162,7 +167,10 @@ def infer_unit(height: float) -> tuple[float, str]:
     name = min(fits, key=fits.get)
     if LIKELY_HEIGHT[0] <= height * UNITS[name] <= LIKELY_HEIGHT[1]:
         return UNITS[name], f"{name} (the body is then {height * UNITS[name]:.2f} m tall)"
-    return TYPICAL_HEIGHT / height, f"no known unit fits a height of {height:.4g}; taken as a body of {TYPICAL_HEIGHT} m"
+    return (
+        TYPICAL_HEIGHT / height,
+        f"no known unit fits a height of {height:.4g}; taken as a body of {TYPICAL_HEIGHT} m",
+    )
 
 
 def make_actor(
@@ -254,4 +262,3 @@ def same_skeleton(a: Skeleton, b: Skeleton) -> bool:
     return a is b or (
         a.names == b.names and np.array_equal(a.parents, b.parents) and np.allclose(a.offsets, b.offsets, atol=1e-9)
     )
-

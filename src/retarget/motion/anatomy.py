@@ -90,7 +90,9 @@ class _Body:
         self.left, self.up, self.forward = (rot.rotate(self.trunk, axis) for axis in np.eye(3))
 
     def frame(self, name: str, done: dict[str, Array]) -> Float[Array, "4"]:
-        side = name[: len("left")] if name.startswith("left") else name[: len("right")] if name.startswith("right") else ""
+        side = (
+            name[: len("left")] if name.startswith("left") else name[: len("right")] if name.startswith("right") else ""
+        )
         if name in LIMBS and LIMBS[name] in self.joints:
             return self._limb(name, side)
         if name.endswith("Hand"):
@@ -186,7 +188,9 @@ class _Body:
         return rot.from_frame(along, rot.rotate(turn, rot.rotate(hand, np.array([0, 1.0, 0]))))
 
 
-def _normal_to(measured: Float[Array, "3"], along: Float[Array, "3"], otherwise: Float[Array, "3"]) -> Float[Array, "3"]:
+def _normal_to(
+    measured: Float[Array, "3"], along: Float[Array, "3"], otherwise: Float[Array, "3"]
+) -> Float[Array, "3"]:
     """`measured` made normal to `along`, or `otherwise` where the two are nearly parallel."""
     line = rot.unit(along)
     normal = rot.unit(measured) - (rot.unit(measured) @ line) * line

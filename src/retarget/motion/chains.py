@@ -54,7 +54,9 @@ def chest_joint(skeleton: Skeleton, humanoid: Humanoid) -> int:
 def trunk_and_neck(skeleton: Skeleton, humanoid: Humanoid) -> tuple[Chain, Chain]:
     """Hips to chest, and chest to head."""
     chest = chest_joint(skeleton, humanoid)
-    return chain_between(skeleton, humanoid.joints["hips"], chest), chain_between(skeleton, chest, humanoid.joints["head"])
+    return chain_between(skeleton, humanoid.joints["hips"], chest), chain_between(
+        skeleton, chest, humanoid.joints["head"]
+    )
 
 
 def share(place: float, chain: Chain) -> tuple[int, int, float]:

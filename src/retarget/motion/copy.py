@@ -93,7 +93,15 @@ def _chain_rows(source: Actor, target: Actor, K_source: dict[str, Array]) -> lis
             if joint in rows:
                 continue
             first, second, weight = (chain_source.joints[0],) * 2 + (0.0,) if i == 0 else share(place, chain_source)
-            rows[joint] = (joint, first, second, weight, trunk[source][first], trunk[source][second], trunk[target][joint])
+            rows[joint] = (
+                joint,
+                first,
+                second,
+                weight,
+                trunk[source][first],
+                trunk[source][second],
+                trunk[target][joint],
+            )
     return list(rows.values())
 
 
@@ -137,7 +145,9 @@ def _below(skeleton: Skeleton, joint: int) -> set[int]:
     return below
 
 
-def copy_rotations(plan: CopyPlan, source_rotations: Float[Array, "frames joints 4"]) -> Float[Array, "frames targets 4"]:
+def copy_rotations(
+    plan: CopyPlan, source_rotations: Float[Array, "frames joints 4"]
+) -> Float[Array, "frames targets 4"]:
     """World rotations of all target joints from the source's world rotations."""
     frames = rot.multiply(source_rotations[:, plan.first], plan.first_frame)
     blended = np.flatnonzero(plan.weight > 0)
@@ -181,7 +191,10 @@ def _share_twist(skeleton: Skeleton, world: Array, joint: int, segment: int, end
 
 
 def positions_of(
-    skeleton: Skeleton, world_rotations: Float[Array, "frames joints 4"], hips: int, hips_positions: Float[Array, "frames 3"]
+    skeleton: Skeleton,
+    world_rotations: Float[Array, "frames joints 4"],
+    hips: int,
+    hips_positions: Float[Array, "frames 3"],
 ) -> Float[Array, "frames joints 3"]:
     """World positions of all joints when the hips are put where they should be and what lies above them rests."""
     positions = np.empty(world_rotations.shape[:-1] + (3,))

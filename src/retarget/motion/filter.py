@@ -58,7 +58,9 @@ def resample(motion: Motion, fps: float) -> Motion:
     if fps == motion.fps or len(motion) < 2:
         return replace(motion, fps=fps)
     if motion.seconds * fps > MOST_FRAMES:
-        raise RetargetError(f"{motion.seconds:g} s at {fps:g} frames a second are more than {MOST_FRAMES:,} frames; cut the clip first")
+        raise RetargetError(
+            f"{motion.seconds:g} s at {fps:g} frames a second are more than {MOST_FRAMES:,} frames; cut the clip first"
+        )
     count = int(np.floor(motion.seconds * fps + 1e-6)) + 1
     place = np.minimum(np.arange(count) * (motion.fps / fps), len(motion) - 1)
     left = np.minimum(place.astype(int), len(motion) - 2)

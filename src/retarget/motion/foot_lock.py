@@ -129,7 +129,9 @@ def _settle_height(
     # Free points that would sink are pinned to the ground as well; each round can only add such frames.
     for _ in range(3):
         weight = pinned / (GRIP * fps) ** 4
-        lift = _least_squares(weight, np.where(pinned, need, 0.0)[:, None], np.zeros(len(need) - 1), np.zeros((len(need) - 1, 1)), fps)
+        lift = _least_squares(
+            weight, np.where(pinned, need, 0.0)[:, None], np.zeros(len(need) - 1), np.zeros((len(need) - 1, 1)), fps
+        )
         sunk = ~pinned & (lowest + lift[:, 0] < ground - 1e-4)
         if not sunk.any():
             break
@@ -180,7 +182,9 @@ def hip_drop(
         top, middle, end = goal.limb.joints
         if not goal.limb.name.endswith("Leg") or not goal.active.any():
             continue
-        length = np.linalg.norm(positions[0, middle] - positions[0, top]) + np.linalg.norm(positions[0, end] - positions[0, middle])
+        length = np.linalg.norm(positions[0, middle] - positions[0, top]) + np.linalg.norm(
+            positions[0, end] - positions[0, middle]
+        )
         copied = np.linalg.norm(positions[:, end] - positions[:, top], axis=-1)
         longest = np.maximum(STRETCH * length, copied)
         way = positions[:, end] + goal.displacement - positions[:, top]

@@ -35,7 +35,9 @@ def two_bone(
     aside = bend - (bend * line).sum(-1, keepdims=True) * line
     towards_pole = pole - (pole * line).sum(-1, keepdims=True) * line
     # A limb straighter than about 3 degrees has no reliable plane: fade over to the pole.
-    straight = np.clip(1 - np.linalg.norm(aside, axis=-1, keepdims=True) / (0.05 * upper_length[..., None] + 1e-12), 0, 1)
+    straight = np.clip(
+        1 - np.linalg.norm(aside, axis=-1, keepdims=True) / (0.05 * upper_length[..., None] + 1e-12), 0, 1
+    )
     aside = rot.unit(rot.unit(aside) * (1 - straight) + rot.unit(towards_pole) * straight)
     along = (upper_length**2 + distance**2 - lower_length**2) / np.maximum(2 * distance, 1e-12)
     height = np.sqrt(np.maximum(upper_length**2 - along**2, 0))

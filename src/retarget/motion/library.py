@@ -54,7 +54,13 @@ def motion_names() -> tuple[str, ...]:
 def embedded_motion(name: str) -> Motion:
     """One embedded motion over the performer's skeleton. Raises `RetargetError` for an unknown name."""
     stored = _stored(name)
-    return Motion(performer().skeleton, stored["rotations"].astype(np.float64), stored["hips"][:, None], float(stored["fps"]), name=name)
+    return Motion(
+        performer().skeleton,
+        stored["rotations"].astype(np.float64),
+        stored["hips"][:, None],
+        float(stored["fps"]),
+        name=name,
+    )
 
 
 def embedded_contacts(name: str) -> tuple[StatedContact, ...]:

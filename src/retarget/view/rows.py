@@ -25,15 +25,17 @@ def file_row(path: Path, columns: int, clip: str | None = None) -> Row:
         return Row(path.stem, asset.mesh, asset.mesh.vertices[None])
     if asset.character is None:
         raise FileError(path, f"holds {asset.kind}; a picture needs a surface or a skeleton")
-    motion = asset.motion(clip if clip is not None else len(asset.clips) - 1) if asset.clips else still_motion(asset.character.skeleton)
+    motion = (
+        asset.motion(clip if clip is not None else len(asset.clips) - 1)
+        if asset.clips
+        else still_motion(asset.character.skeleton)
+    )
     character, motion, floor = _upright(asset, motion)
     label = path.stem if len(asset.clips) < 2 else f"{path.stem}\n{motion.name}"
     return motion_row(label, character, motion, columns, floor)
 
 
-def motion_row(
-    label: str, character: Character, motion: Motion, columns: int, floor: float | None = None
-) -> Row:
+def motion_row(label: str, character: Character, motion: Motion, columns: int, floor: float | None = None) -> Row:
     """A character's frames spread evenly over a motion; bones where it has no surface."""
     chosen = np.unique(choose_frames(len(motion), columns))
     rotations, positions = (values[chosen] for values in world_pose(motion))

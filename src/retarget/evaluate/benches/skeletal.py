@@ -19,6 +19,8 @@ from retarget.body.kinematics import world_pose
 from retarget.character import Character, Motion
 from retarget.contact.ground import ground_contacts
 from retarget.contact.support import leg_length, support_limbs, support_points
+from retarget.correspond.joints import REQUIRED_JOINTS
+from retarget.errors import RetargetError
 from retarget.evaluate import metrics
 from retarget.evaluate.benches.matching import match_rates
 from retarget.evaluate.cases import (
@@ -36,8 +38,6 @@ from retarget.evaluate.cases import (
     with_other_joint_axes,
 )
 from retarget.evaluate.environment import environment
-from retarget.correspond.joints import REQUIRED_JOINTS
-from retarget.errors import RetargetError
 from retarget.io import load, save
 from retarget.methods import Result
 from retarget.motion.align import Actor
@@ -68,12 +68,26 @@ def run(quick: bool = False) -> dict[str, Any]:
     """Every case once with and once without foot lock; then the tables."""
     rows = [measure(case) for case in cases(quick)]
     summary: dict[str, float | None] = match_rates()
-    for key in ("direction_error_deg", "orientation_error_deg", "foot_slide_cm", "floor_error_cm", "jerk_ratio", "upper_jerk_ratio"):
+    for key in (
+        "direction_error_deg",
+        "orientation_error_deg",
+        "foot_slide_cm",
+        "floor_error_cm",
+        "jerk_ratio",
+        "upper_jerk_ratio",
+    ):
         summary[key] = _mean(row[key] for row in rows)
     summary["round_trip_mm"] = round_trip_mm(quick)
     summary["two_skeletons_cm"] = two_skeletons_cm()
     summary |= timings(quick)
-    return {"bench": "skeletal", "quick": quick, "environment": environment(), "summary": summary, "rows": rows, "lines": _table(rows, summary)}
+    return {
+        "bench": "skeletal",
+        "quick": quick,
+        "environment": environment(),
+        "summary": summary,
+        "rows": rows,
+        "lines": _table(rows, summary),
+    }
 
 
 def cases(quick: bool) -> Iterator[Case]:
@@ -135,7 +149,12 @@ def _first(motion: Motion, seconds: float) -> Motion:
 
 def measure(case: Case) -> dict[str, Any]:
     """All figures of one case."""
-    row: dict[str, Any] = {"source": case.source_name, "target": case.target_name, "split": case.split, "frames": len(case.motion)}
+    row: dict[str, Any] = {
+        "source": case.source_name,
+        "target": case.target_name,
+        "split": case.split,
+        "frames": len(case.motion),
+    }
     held = prepare(case.source, case.target).retargeter(case.motion)
     free = prepare(case.source, case.target, foot_lock=False).retargeter(case.motion)
     row["status"] = held.status
@@ -171,7 +190,9 @@ def _contact_figures(case: Case, held: Result) -> dict[str, float | None]:
     floor = held.stats["target_floor_m"]
     support = (contacts.support - contacts.floor) * scale + floor
     slides = metrics.foot_slide_cm(points[:, FOOT_POINTS], touching[:, FOOT_POINTS], case.target.height)
-    errors = metrics.floor_error_cm(points[:, FOOT_POINTS], touching[:, FOOT_POINTS], support[:, FOOT_POINTS], case.target.height)
+    errors = metrics.floor_error_cm(
+        points[:, FOOT_POINTS], touching[:, FOOT_POINTS], support[:, FOOT_POINTS], case.target.height
+    )
     source_slides = metrics.foot_slide_cm(source_points[:, FOOT_POINTS], touching[:, FOOT_POINTS], case.source.height)
     mean = lambda values: float(values.mean()) if len(values) else None  # noqa: E731
     return {
@@ -192,7 +213,9 @@ def _smoothness(case: Case, held: Result) -> dict[str, float | None]:
         return jerks[1] / jerks[0] if jerks[0] > 1e-3 else None
 
     return {
-        "jerk_ratio": ratio(("hips", "leftFoot", "rightFoot"), lambda actor: leg_length(actor.skeleton, actor.humanoid)),
+        "jerk_ratio": ratio(
+            ("hips", "leftFoot", "rightFoot"), lambda actor: leg_length(actor.skeleton, actor.humanoid)
+        ),
         "upper_jerk_ratio": ratio(("head", "leftHand", "rightHand"), lambda actor: actor.height),
     }
 
@@ -267,7 +290,9 @@ def timings(quick: bool) -> dict[str, float | None]:
         source, target = cast(human(**PRESETS[PERFORMER])), cast(human(**PRESETS["heavy"]))
         motion = embedded_motion(motion_names()[0])
         motion = replace(
-            motion, rotations=np.tile(motion.rotations, (20, 1, 1)), translations=np.tile(motion.translations, (20, 1, 1))
+            motion,
+            rotations=np.tile(motion.rotations, (20, 1, 1)),
+            translations=np.tile(motion.translations, (20, 1, 1)),
         )
     retargeter = prepare(source, target).retargeter
     best = min(_seconds(lambda: retargeter(motion)) for _ in range(3))
@@ -281,7 +306,9 @@ def _seconds(work) -> float:
 
 
 def _median_seconds(command: list[str], runs: int) -> float:
-    return statistics.median(_seconds(lambda: subprocess.run(command, check=True, capture_output=True)) for _ in range(runs))
+    return statistics.median(
+        _seconds(lambda: subprocess.run(command, check=True, capture_output=True)) for _ in range(runs)
+    )
 
 
 def _mean(values) -> float | None:
@@ -290,7 +317,15 @@ def _mean(values) -> float | None:
 
 
 def _table(rows: list[dict[str, Any]], summary: dict[str, Any]) -> list[str]:
-    keys = ("direction_error_deg", "orientation_error_deg", "foot_slide_cm", "source_slide_cm", "floor_error_cm", "jerk_ratio", "upper_jerk_ratio")
+    keys = (
+        "direction_error_deg",
+        "orientation_error_deg",
+        "foot_slide_cm",
+        "source_slide_cm",
+        "floor_error_cm",
+        "jerk_ratio",
+        "upper_jerk_ratio",
+    )
     shown = lambda value: "      -" if value is None else f"{value:7.3f}"  # noqa: E731
     lines = [f"{'copy-rotations':44} " + " ".join(key.replace("_error", "")[:12].rjust(12) for key in keys)]
     for row in rows:
