@@ -6,7 +6,7 @@ import numpy as np
 from motion_body import SIDES, SIGN, Performer
 from motion_clip import Clip
 from motion_hands import Hold
-from motion_pose import Channels, arm
+from motion_pose import ARM, Channels, arm
 from motion_reach import Times, reach, solve_places
 from motion_steps import Stand, feet_apart, keep_within_reach, lay_soles, place_feet
 from motion_time import FPS, bump, clock, ease, keyed
@@ -135,7 +135,7 @@ def hands_behind_head(performer: Performer) -> Clip:
 
 
 def arms_crossed(performer: Performer) -> Clip:
-    """Forearms over the chest, the right one in front, each hand on the other upper arm."""
+    """The left hand on the ribs below the right arm, the right arm over it with its hand on the left upper arm."""
     act, t, planted = standing(performer, 5.0, 23)
     ready = ease(t, 0.5, 1.6) * (1 - ease(t, 3.5, 4.6))
     act.hips[:, 0] -= 0.016 * ready
@@ -144,19 +144,23 @@ def arms_crossed(performer: Performer) -> Clip:
     act.trunk[:, 0] -= rad(1.5) * ready
     act.look[:, 0] -= rad(10) * ease(t, 1.7, 2.3) * (1 - ease(t, 2.9, 3.6))
     stand_firm(performer, act, planted)
-    holds, guesses = [], []
-    for side in SIDES:
-        sign, other, front = SIGN[side], OTHER[side], side == "right"
-        place = {other + "UpperArmFront": 0.55, other + "ElbowInside": 0.25, other + "UpperArmBack": 0.2}
-        holds.append(Hold(
-            side, ("IndexBase", *PADS), (other + "UpperArm", other + "Forearm"), {"Palm": place},
-            fingers=(-sign * 0.9, 0.35, -0.1 if front else 0.0), palm=(-sign * 0.25, -0.2, -0.95), away=(-sign * 0.25, 0.0 if front else -0.1, 1.0),
-        ))  # fmt: skip
-        guesses.append(arm(**{"forward": 10}, flex=38 if front else 28, abduct=-2, internal=62, elbow=103, pronate=20, wrist=0, **FLAT))
-    times = [(0.35, 1.4, 3.75, 4.7), (0.55, 1.7, 3.5, 4.5)]
+    under = Hold(
+        "left", ("Palm", "IndexBase", *PADS, "ForearmInside"), ("chest", "abdomen"), {"Palm": {"rightRibs": 0.6, "rightBreast": 0.4}},
+        fingers=(-0.85, 0.1, -0.5), palm=(0.5, 0.0, -0.85), away=(-0.1, -0.3, 0.95),
+    )  # fmt: skip
+    over = Hold(
+        "right", ("Palm", "IndexBase", "LittleBase", *PADS), ("leftUpperArm",), {"Palm": {"leftUpperArmFront": 0.75, "leftElbowInside": 0.25}},
+        fingers=(0.85, 0.35, -0.35), palm=(-0.45, 0.0, -0.9), away=(0.1, 0.1, 1.0),
+    )  # fmt: skip
+    holds = [under, over]
+    guesses = [
+        arm(**{"forward": 6}, flex=18, abduct=6, internal=62, elbow=100, pronate=0, wrist=0, **FLAT),
+        arm(**{"forward": 12}, flex=40, abduct=4, internal=62, elbow=104, pronate=10, wrist=0, **FLAT),
+    ]
+    times = [(0.3, 1.25, 3.85, 4.8), (0.6, 1.75, 3.4, 4.4)]
     reach(performer, act, t, holds, guesses, times, lift=0.09, close=0.4)
     window = during((0, times[1][1], times[1][2], 0))
-    touches = [(*window, "leftHand", "rightUpperArm"), (*window, "rightHand", "leftUpperArm")]
+    touches = [(*window, "leftHand", "chest"), (*window, "rightHand", "leftUpperArm")]
     return Clip.of(performer, "arms_crossed", act, planted, touches)
 
 
@@ -171,15 +175,15 @@ def clap(performer: Performer) -> Clip:
     act.hips[:, 1] -= 0.004 * pulse
     stand_firm(performer, act, planted)
     holds, guesses = [], []
-    for side in SIDES:
+    for side in ("right", "left"):
         sign, meets = SIGN[side], side == "left"
         holds.append(Hold(
             side, ("Palm", "IndexBase", "LittleBase", *PADS) if meets else (), ("rightHand",) if meets else (),
-            {"MiddleBase": {"rightMiddleBase": 1.0}} if meets else {"MiddleBase": {"chest": 0.5, "navel": 0.5}},
-            fingers=(sign * 0.02, 0.62 if meets else 0.5, 0.8), palm=(-sign, 0.0, 0.0), away=(sign * 0.8, -0.1 * sign, -0.15),
-            ahead=0.0 if meets else 0.27, pull=0.25 if meets else 0.5, aim=0.05 if meets else 0.2,
+            {"MiddleBase": {"rightMiddleBase": 1.0}} if meets else {"MiddleBase": {"chest": 0.8, "navel": 0.2}},
+            fingers=(sign * 0.02, 0.85 if meets else 0.45, 0.6 if meets else 0.9), palm=(-sign, 0.0, 0.0), away=(sign * 0.8, -0.1 * sign, -0.15),
+            ahead=0.0 if meets else 0.24, pull=0.25 if meets else 0.5, aim=0.05 if meets else 0.2,
         ))  # fmt: skip
-        guesses.append(arm(flex=30, abduct=8, internal=34, elbow=88, pronate=4, wrist=-8, index=4, middle=4, ring=4, little=4, thumb=0))
+        guesses.append(arm(flex=30, abduct=8, internal=34, elbow=98, pronate=4, wrist=-8, index=4, middle=4, ring=4, little=4, thumb=0))
     frame = int(round(beats[1] * FPS))
     contacts, hovers = solve_places(performer, act, frame, holds, guesses, lift=0.11)
     near = keyed(t, [(0, 0), (beats[0] - 0.25, 0), *_claps(beats), (9, 0)], soft=0.7)[:, None]
@@ -208,6 +212,7 @@ def squat_hands_on_knees(performer: Performer) -> Clip:
     act.look[:, 1] += rad(12) * down
     for side in SIDES:
         act.knees[side] += SIGN[side] * rad(14) * down
+        act.arms[side][:, ARM.index("abduct")] += rad(9)  # the thighs stand wide
     stand_firm(performer, act, planted)
     holds, guesses = [], []
     for side in SIDES:

@@ -23,8 +23,15 @@ LATE = np.array([-0.05, -0.04, -0.02, -0.02, 0.0, 0.0, 0.02, 0.05, 0.05, *[0.07]
 def solve_places(
     performer: Performer, act: Channels, frame: int, holds: Sequence[Hold], guesses: Sequence[Array], lift: float
 ) -> tuple[list[Array], list[Array]]:  # fmt: skip
-    """(contact poses, poses `lift` metres off) of the arms at one frame."""
-    contact = settle(arm_problem(performer, act, frame, holds), np.concatenate(guesses))
+    """(contact poses, poses `lift` metres off) of the arms at one frame; the first is placed without heed of the others."""
+    before = {hold.side: act.arms[hold.side][frame].copy() for hold in holds}
+    for hold, guess in zip(holds, guesses, strict=True):
+        act.arms[hold.side][frame] = settle(arm_problem(performer, act, frame, [hold]), guess)
+    contact = np.concatenate([act.arms[hold.side][frame] for hold in holds])
+    for side, angles in before.items():
+        act.arms[side][frame] = angles
+    if len(holds) > 1:
+        contact = arm_problem(performer, act, frame, holds).solve(contact, rounds=35)
     off = arm_problem(performer, act, frame, holds, lift).solve(contact, rounds=25)
     contacts, hovers = np.split(contact, len(holds)), np.split(off, len(holds))
     fingers = ARM.index("adduct")

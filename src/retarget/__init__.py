@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from retarget.errors import FileError, MatchError, RetargetError
     from retarget.io import load, save
     from retarget.io.asset import Asset
-    from retarget.methods import METHODS, Result
+    from retarget.methods import METHODS, Result, save_results
     from retarget.motion.align import Actor
     from retarget.motion.library import embedded_motion, motion_names
-    from retarget.retargeting import Hints, Production, cast, prepare, retarget, save_results
+    from retarget.retargeting import Hints, Production, cast, prepare, retarget
 
 _HOME = {
     "retarget": "retargeting",
     "prepare": "retargeting",
     "Production": "retargeting",
-    "save_results": "retargeting",
+    "save_results": "methods",
     "cast": "retargeting",
     "Hints": "retargeting",
     "load": "io",

@@ -14,9 +14,9 @@ from retarget.character import Motion
 from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import MOTION_SUFFIXES, check_output, load
 from retarget.io.asset import Asset
-from retarget.methods.base import Result
+from retarget.methods import Result, save_results
 from retarget.motion.filter import cut, resample
-from retarget.retargeting import Hints, Production, cast, prepare, save_results
+from retarget.retargeting import Hints, Production, cast, prepare
 
 log = logging.getLogger("retarget")
 

@@ -5,7 +5,7 @@ load → Character, Motion → match joints → method → Result → save
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from retarget.body.skinning import rest_vertices
 from retarget.character import Character, Motion
 from retarget.correspond.joints import REQUIRED_JOINTS, Humanoid, humanoid_from_names, match_humanoid
 from retarget.errors import FileError, MatchError, RetargetError, unknown_name
-from retarget.io import load, save
+from retarget.io import load
 from retarget.io.asset import Asset, Convention
 from retarget.methods import METHODS, Method, Result, Retargeter
 from retarget.motion.align import Actor, make_actor
@@ -51,10 +51,8 @@ def cast(subject: str | Path | Asset | Character, hints: Hints | None = None, mo
     else:
         asset = open_asset(subject)
         if asset.character is None:
-            raise FileError(
-                asset.path,
-                f"holds a {asset.kind} without skeleton; a rigged character (glTF with a skin) or a BVH is needed",
-            )
+            problem = f"holds a {asset.kind} without skeleton; a rigged character (glTF with a skin) or a BVH is needed"
+            raise FileError(asset.path, problem)
         character, convention = asset.character, asset.convention
     humanoid = _humanoid(character, hints.joints)
     surface = rest_vertices(character) if character.skin is not None else None
@@ -145,11 +143,3 @@ def retarget(
         raise RetargetError("the motion has no frames")
     performing = cast(performer, source_hints, moving)
     return prepare(performing, cast(target, target_hints), method, **settings)(moving)
-
-
-def save_results(path: str | Path, results: Sequence[Result], **options: Any) -> None:
-    """Write several clips of one target into one file. Raises `RetargetError` where the targets differ."""
-    target = results[0].target
-    if any(result.target is not target for result in results):
-        raise RetargetError("results of different targets cannot share a file")
-    save(path, target.original, [result.file_motion for result in results], **options)

@@ -22,19 +22,19 @@ def skeletons(data):
 
     Of BVH files whose hierarchies are equal to the letter, one is read.
     """
-    known = {}
     truths = tomllib.loads(TRUTH.read_text(encoding="utf-8"))["skeleton"]
-    for path in sorted([*(data / "characters").rglob("*"), *(data / "motions").rglob("*")]):
-        if path.suffix in READERS:
-            where = path.relative_to(data).as_posix()
-            key = path.read_bytes().split(b"MOTION")[0] if path.suffix == ".bvh" else where
-            if key not in known:
-                known[key] = load(path).character
-            if known[key] is not None:
-                fitting = [each for each in truths if any(fnmatch.fnmatch(where, glob) for glob in each["files"])]
-                assert len(fitting) == 1, f"{where} has {len(fitting)} entries in {TRUTH.name}"
-                rows = fitting[0]["joints"].items()
-                yield where, known[key].skeleton, {k: v if isinstance(v, list) else [v] for k, v in rows}
+    known = {}
+    paths = [*(data / "characters").rglob("*"), *(data / "motions").rglob("*")]
+    for path in sorted((path for path in paths if path.suffix in READERS), key=lambda path: path.stat().st_size):
+        where = path.relative_to(data).as_posix()
+        key = path.read_bytes().split(b"MOTION")[0] if path.suffix == ".bvh" else where
+        if key not in known:
+            known[key] = load(path).character
+        if known[key] is not None:
+            fitting = [each for each in truths if any(fnmatch.fnmatch(where, glob) for glob in each["files"])]
+            assert len(fitting) == 1, f"{where} has {len(fitting)} entries in {TRUTH.name}"
+            rows = fitting[0]["joints"].items()
+            yield where, known[key].skeleton, {name: right if isinstance(right, list) else [right] for name, right in rows}
 
 
 @pytest.fixture(scope="module")

@@ -134,11 +134,20 @@ def _no_humanoid(skeleton: Skeleton, names: NameScores, reason: str) -> MatchErr
 
 
 def _joints_named(names: NameScores) -> dict[str, int]:
-    """For each required joint the one that carries its name best, where one does."""
+    """For each required joint the one that carries its name best, where one does.
+
+    A word that means another part first ('shoulder': the collar bone, then the upper arm) counts only where another
+    joint of that side is better called that.
+    """
+    table = np.stack(list(names.parts.values()))
+    first = table.argmax(axis=0)
     found: dict[str, int] = {}
     for canonical in REQUIRED_JOINTS:
         side = 1 if canonical.startswith("left") else -1 if canonical.startswith("right") else 0
-        score = np.where(names.sides == side, names.parts[_part(canonical)], 0.0)
+        own = names.sides == side
+        score = np.where(own, names.parts[_part(canonical)], 0.0)
+        rival = np.where(own, table, 0.0).max(axis=1)[first]
+        score[(score < table.max(axis=0)) & (rival <= table.max(axis=0))] = 0.0
         score[list(found.values())] = 0.0
         if score.max() >= 0.5:
             found[canonical] = int(score.argmax())

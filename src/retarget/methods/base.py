@@ -7,11 +7,13 @@ poses, factorisations). The `Retargeter` it returns steps frame by frame, or tak
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
 from retarget.character import Character, Motion, Pose
+from retarget.errors import RetargetError
 from retarget.io import save
 from retarget.motion.align import Actor
 
@@ -56,6 +58,14 @@ class Result:
     def save(self, path: str | Path, **options: Any) -> None:
         """Write the target with this motion: a glTF target keeps all it had and gains a clip. See `io.save`."""
         save(path, self.target.original, [self.file_motion], **options)
+
+
+def save_results(path: str | Path, results: Sequence[Result], **options: Any) -> None:
+    """Write several clips of one target into one file. Raises `RetargetError` where the targets differ."""
+    target = results[0].target
+    if any(result.target is not target for result in results):
+        raise RetargetError("results of different targets cannot share a file")
+    save(path, target.original, [result.file_motion for result in results], **options)
 
 
 class Retargeter(ABC):

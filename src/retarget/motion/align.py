@@ -123,13 +123,11 @@ def body_height(skeleton: Skeleton, humanoid: Humanoid, vertices: Array | None =
     if vertices is not None and len(vertices):
         along = vertices @ humanoid.axes[1]
         return float(np.percentile(along, 99.9) - np.percentile(along, 0.1))
-    chain = (
-        lambda names: sum(  # noqa: E731
-            float(np.linalg.norm(positions[humanoid.joints[a]] - positions[humanoid.joints[b]]))
-            for a, b in zip(names, names[1:])
-        )
-    )
-    legs = [chain([side + part for part in ("UpperLeg", "LowerLeg", "Foot")]) for side in ("left", "right")]
+    places = {name: positions[joint] for name, joint in humanoid.joints.items()}
+    legs = []
+    for side in ("left", "right"):
+        leg = [places[side + part] for part in ("UpperLeg", "LowerLeg", "Foot")]
+        legs.append(float(np.linalg.norm(np.diff(leg, axis=0), axis=1).sum()))
     hips = positions[[humanoid.joints["leftUpperLeg"], humanoid.joints["rightUpperLeg"]]].mean(axis=0)
     trunk = float(np.linalg.norm(positions[humanoid.joints["head"]] - hips))
     # Ankle to sole and head joint to crown, as shares of leg and trunk: measured on the embedded human.
