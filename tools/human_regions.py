@@ -216,11 +216,11 @@ class Wardrobe:
         """`shirt`, `shorts` and `hair` at points (points, 3) on body parts (points,)."""
         points = points * [1, 1, 1]
         points[:, 0] = np.abs(points[:, 0])
-        waist = points[:, 1] - self.joints["spine"][1] + 0.012
+        waist = points[:, 1] - self.joints["spine"][1] - 0.010
         collar = np.linalg.norm((points - self.joints["neck"] - [0, 0.025, 0.04]) * [1, 1, 0.8], axis=1) - 0.096
         trunk = _on(parts, "neck", "chest", "abdomen", "pelvis")
-        sleeve = self._before("leftUpperArm", "leftLowerArm", 0.52, points)
-        leg = self._before("leftUpperLeg", "leftLowerLeg", 0.72, points)
+        sleeve = self._before("leftUpperArm", "leftLowerArm", 0.47, points)
+        leg = self._before("leftUpperLeg", "leftLowerLeg", 0.75, points)
         outside = np.full(len(points), -0.05)
         shirt = np.where(trunk, np.minimum(waist, collar), outside)
         shorts = np.where(trunk, np.minimum(-waist, collar), outside)

@@ -135,7 +135,7 @@ def hands_behind_head(performer: Performer) -> Clip:
 
 
 def arms_crossed(performer: Performer) -> Clip:
-    """The left hand on the ribs below the right arm, the right arm over it with its hand on the left upper arm."""
+    """Each hand on the other upper arm, the right forearm in front of the left one."""
     act, t, planted = standing(performer, 5.0, 23)
     ready = ease(t, 0.5, 1.6) * (1 - ease(t, 3.5, 4.6))
     act.hips[:, 0] -= 0.016 * ready
@@ -145,8 +145,8 @@ def arms_crossed(performer: Performer) -> Clip:
     act.look[:, 0] -= rad(10) * ease(t, 1.7, 2.3) * (1 - ease(t, 2.9, 3.6))
     stand_firm(performer, act, planted)
     under = Hold(
-        "left", ("Palm", "IndexBase", *PADS, "ForearmInside"), ("chest", "abdomen"), {"Palm": {"rightRibs": 0.6, "rightBreast": 0.4}},
-        fingers=(-0.85, 0.1, -0.5), palm=(0.5, 0.0, -0.85), away=(-0.1, -0.3, 0.95),
+        "left", ("IndexBase", "LittleBase", *PADS), ("rightUpperArm",), {"Palm": {"rightUpperArmFront": 0.65, "rightElbowInside": 0.35}},
+        fingers=(-0.85, 0.25, -0.4), palm=(0.2, -0.1, -0.95), away=(-0.1, 0.1, 1.0),
     )  # fmt: skip
     over = Hold(
         "right", ("Palm", "IndexBase", "LittleBase", *PADS), ("leftUpperArm",), {"Palm": {"leftUpperArmFront": 0.75, "leftElbowInside": 0.25}},
@@ -154,13 +154,13 @@ def arms_crossed(performer: Performer) -> Clip:
     )  # fmt: skip
     holds = [under, over]
     guesses = [
-        arm(**{"forward": 6}, flex=18, abduct=6, internal=62, elbow=100, pronate=0, wrist=0, **FLAT),
-        arm(**{"forward": 12}, flex=40, abduct=4, internal=62, elbow=104, pronate=10, wrist=0, **FLAT),
+        arm(**{"raise": 6, "forward": 18}, flex=24, abduct=-4, internal=62, elbow=104, pronate=-25, wrist=-20, **FLAT),
+        arm(**{"forward": 20}, flex=38, abduct=-4, internal=46, elbow=88, pronate=-20, wrist=20, radial=-10, **FLAT),
     ]
     times = [(0.3, 1.25, 3.85, 4.8), (0.6, 1.75, 3.4, 4.4)]
-    reach(performer, act, t, holds, guesses, times, lift=0.09, close=0.4)
+    reach(performer, act, t, holds, guesses, times, lift=0.09, close=0.4, together=True)
     window = during((0, times[1][1], times[1][2], 0))
-    touches = [(*window, "leftHand", "chest"), (*window, "rightHand", "leftUpperArm")]
+    touches = [(*window, "leftHand", "rightUpperArm"), (*window, "rightHand", "leftUpperArm")]
     return Clip.of(performer, "arms_crossed", act, planted, touches)
 
 
@@ -178,12 +178,12 @@ def clap(performer: Performer) -> Clip:
     for side in ("right", "left"):
         sign, meets = SIGN[side], side == "left"
         holds.append(Hold(
-            side, ("Palm", "IndexBase", "LittleBase", *PADS) if meets else (), ("rightHand",) if meets else (),
-            {"MiddleBase": {"rightMiddleBase": 1.0}} if meets else {"MiddleBase": {"chest": 0.8, "navel": 0.2}},
-            fingers=(sign * 0.02, 0.85 if meets else 0.45, 0.6 if meets else 0.9), palm=(-sign, 0.0, 0.0), away=(sign * 0.8, -0.1 * sign, -0.15),
-            ahead=0.0 if meets else 0.24, pull=0.25 if meets else 0.5, aim=0.05 if meets else 0.2,
+            side, ("PalmHeel", "IndexBase", "LittleBase", "MiddlePad", "RingPad") if meets else (), ("rightHand",) if meets else (),
+            {"MiddleBase": {"rightMiddleBase": 1.0}} if meets else {"MiddleBase": {"chest": 0.6, "navel": 0.4}},
+            fingers=(sign * 0.02, 0.8 if meets else 0.65, 0.6 if meets else 0.75), palm=(-sign, 0.0, 0.0), away=(sign * 0.8, -0.1 * sign, -0.15),
+            shift=(0.016, 0.0, 0.0) if meets else (0.0, 0.0, 0.28), pull=0.25 if meets else 0.5, aim=0.2, stiff_fingers=30.0,
         ))  # fmt: skip
-        guesses.append(arm(flex=30, abduct=8, internal=34, elbow=98, pronate=4, wrist=-8, index=4, middle=4, ring=4, little=4, thumb=0))
+        guesses.append(arm(flex=30, abduct=0, internal=30, elbow=88, pronate=4, wrist=-20, index=-4, middle=-6, ring=-6, little=-4, thumb=0, adduct=12, oppose=-8))
     frame = int(round(beats[1] * FPS))
     contacts, hovers = solve_places(performer, act, frame, holds, guesses, lift=0.11)
     near = keyed(t, [(0, 0), (beats[0] - 0.25, 0), *_claps(beats), (9, 0)], soft=0.7)[:, None]

@@ -36,11 +36,13 @@ class Hold:
     """World direction that the palm faces."""
     away: Direction = (0.0, 0.0, 1.0)
     """World direction in which the hand comes and goes."""
-    ahead: float = 0.0
-    """Metres in front of the body (+Z) of the places in `near`."""
+    shift: Direction = (0.0, 0.0, 0.0)
+    """Metres in the world by which the goals lie off the places in `near`."""
     pull: float = 0.25
     aim: float = 0.05
     touch: float = 3.0
+    stiff_fingers: float = 1.0
+    """How much more than usual the fingers resist being bent."""
     clear: Sequence[str] = ()
     """Other arms that this arm may pass through (it is not looked at then)."""
 
@@ -91,7 +93,7 @@ def arm_problem(performer: Performer, act: Channels, frame: int, holds: Sequence
         mark = lambda name, side=hold.side: performer.landmark(side + name)  # noqa: E731
         if hold.points and not lift:
             touches.append(Touch(np.array([mark(name) for name in hold.points]), part_faces(performer, *hold.parts), hold.touch))
-        shift = tuple(np.multiply(hold.away, lift) + np.array([0.0, 0.0, hold.ahead]))
+        shift = tuple(np.multiply(hold.away, lift) + hold.shift)
         for mine, place in (hold.near or {}).items():
             names = (list(place) * 3)[:3]
             mix = np.array([place[name] if i < len(place) else 0.0 for i, name in enumerate(names)])
@@ -102,7 +104,8 @@ def arm_problem(performer: Performer, act: Channels, frame: int, holds: Sequence
             aims.append(Aim(mark("BackOfHand"), mark("Palm"), hold.palm, hold.aim))
         faces = body_faces(performer, hold.side, *hold.clear)
         aparts.append(Apart(limb_vertices(performer, hold.side), faces, margin=0.006 if lift else 0.0))
-    low, high, stiff = (np.tile(values, len(holds)) for values in (LIMITS[:, 0], LIMITS[:, 1], STIFF))
+    low, high = np.tile(LIMITS, (len(holds), 1)).T
+    stiff = np.concatenate([np.concatenate([STIFF[:9], STIFF[9:] * hold.stiff_fingers]) for hold in holds])
     return Problem(performer, build, low, high, stiff, touches, meets, aims, aparts)
 
 

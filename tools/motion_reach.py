@@ -21,17 +21,24 @@ LATE = np.array([-0.05, -0.04, -0.02, -0.02, 0.0, 0.0, 0.02, 0.05, 0.05, *[0.07]
 
 
 def solve_places(
-    performer: Performer, act: Channels, frame: int, holds: Sequence[Hold], guesses: Sequence[Array], lift: float
+    performer: Performer, act: Channels, frame: int, holds: Sequence[Hold], guesses: Sequence[Array], lift: float, together: bool = False
 ) -> tuple[list[Array], list[Array]]:  # fmt: skip
-    """(contact poses, poses `lift` metres off) of the arms at one frame; the first is placed without heed of the others."""
+    """(contact poses, poses `lift` metres off) of the arms at one frame; each is placed alone first, in their order.
+
+    With `together` the guesses are taken for places already, from which all arms move at once.
+    """
     before = {hold.side: act.arms[hold.side][frame].copy() for hold in holds}
     for hold, guess in zip(holds, guesses, strict=True):
-        act.arms[hold.side][frame] = settle(arm_problem(performer, act, frame, [hold]), guess)
+        act.arms[hold.side][frame] = guess
+    for k, (hold, guess) in enumerate(zip(holds, guesses, strict=True)):
+        alone = replace(hold, clear=(*hold.clear, *(later.side for later in holds[k + 1 :])))
+        if not together:
+            act.arms[hold.side][frame] = settle(arm_problem(performer, act, frame, [alone]), guess)
     contact = np.concatenate([act.arms[hold.side][frame] for hold in holds])
     for side, angles in before.items():
         act.arms[side][frame] = angles
     if len(holds) > 1:
-        contact = arm_problem(performer, act, frame, holds).solve(contact, rounds=35)
+        contact = arm_problem(performer, act, frame, holds).solve(contact, rounds=60 if together else 35)
     off = arm_problem(performer, act, frame, holds, lift).solve(contact, rounds=25)
     contacts, hovers = np.split(contact, len(holds)), np.split(off, len(holds))
     fingers = ARM.index("adduct")
@@ -42,7 +49,7 @@ def solve_places(
 
 def reach(
     performer: Performer, act: Channels, t: Array, holds: Sequence[Hold], guesses: Sequence[Array], times: Sequence[Times],
-    lift: float = 0.07, close: float = 0.3,
+    lift: float = 0.07, close: float = 0.3, together: bool = False,
 ) -> None:  # fmt: skip
     """Let hands touch. Each sets out at its times[0], touches from times[1] to times[2] and is back at times[3].
 
@@ -51,7 +58,7 @@ def reach(
     """
     arrive, leave = max(each[1] for each in times), min(each[2] for each in times)
     frame = int(round(0.5 * (arrive + leave) * FPS))
-    contacts, hovers = solve_places(performer, act, frame, holds, guesses, lift)
+    contacts, hovers = solve_places(performer, act, frame, holds, guesses, lift, together)
     when = t[:, None] - LATE
     for hold, contact, hover, own_times in zip(holds, contacts, hovers, times, strict=True):
         start, comes, goes, end = own_times

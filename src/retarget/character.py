@@ -226,7 +226,13 @@ class Pose:
     rotations: Float[Array, "joints 4"]
     """Local rotations, parent-from-joint, xyzw."""
     translations: Float[Array, "moved 3"]
-    """Local positions of the joints listed in the motion's `moved`, the root first, metres."""
+    """Local positions of the joints in `moved`, metres; the others keep their offsets."""
+    moved: tuple[int, ...] = (0,)
+    """The joints whose local position changes, as in `Motion`."""
+
+    def __post_init__(self) -> None:
+        _floats(self, "rotations", (None, 4))
+        _floats(self, "translations", (len(self.moved), 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,4 +275,4 @@ class Motion:
         return max(len(self) - 1, 0) / self.fps
 
     def pose(self, frame: int) -> Pose:
-        return Pose(self.rotations[frame], self.translations[frame])
+        return Pose(self.rotations[frame], self.translations[frame], self.moved)

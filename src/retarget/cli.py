@@ -52,12 +52,13 @@ def main() -> None:
         sys.exit(0)
 
 
-def _version(wanted: bool) -> None:
+def _version(wanted: bool) -> bool:
     if wanted:
         from retarget import __version__
 
         print(__version__)
         raise typer.Exit()
+    return wanted
 
 
 @app.callback()

@@ -62,7 +62,7 @@ DAMAGED_JSON = {
     "buffer view out of range": (put("accessors", 0, "bufferView", 99), "accessors[0].bufferView"),
     "huge count": (put("accessors", 0, "count", 10**9), "do not fit into"),
     "count beyond numbers": (put("accessors", 0, "count", 10**30), "accessors[0].count"),
-    "huge count, no data": (put("accessors", 0, {"componentType": 5126, "count": 10**9, "type": "VEC3"}), "without data"),
+    "huge, no data": (put("accessors", 0, {"componentType": 5126, "count": 10**9, "type": "VEC3"}), "without data"),
     "view beyond its buffer": (put("bufferViews", 0, "byteLength", 10**9), "of a buffer of"),
     "offset beyond its view": (put("accessors", 0, "byteOffset", 10**9), "do not fit into"),
     "stride too small": (put("bufferViews", 0, "byteStride", 4), "byteStride 4"),

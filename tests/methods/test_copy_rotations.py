@@ -142,10 +142,12 @@ def test_a_clip_of_a_million_frames_a_second_is_refused():
         prepare(actor(), actor("heavy")).retargeter(replace(walk(), fps=1e6))
 
 
-def test_a_pose_with_other_moved_joints_is_refused():
+def test_a_pose_of_another_body_is_refused():
     retargeter = prepare(actor(), actor("heavy")).retargeter
-    with pytest.raises(RetargetError, match="online pose"):
-        retargeter.step(Pose(walk().rotations[0], np.zeros((3, 3))))
+    with pytest.raises(RetargetError, match="joints"):
+        retargeter.step(Pose(walk().rotations[0, :5], np.zeros((1, 3))))
+    with pytest.raises(RetargetError, match="translations"):
+        Pose(walk().rotations[0], np.zeros((3, 3)))
 
 
 def test_a_body_whose_legs_have_no_length_is_refused():

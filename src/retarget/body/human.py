@@ -49,8 +49,16 @@ PRESETS: dict[str, dict[str, float]] = {
     "thin": {"gender": 0.4, "weight": 0.0, "muscle": 0.35},
     "heavy": {"gender": 0.7, "weight": 1.1, "muscle": 0.45, "belly": 0.2},
     "very_heavy": {
-        "gender": 0.6, "weight": 2.0, "muscle": 0.35, "belly": 0.6, "hips": 0.3, "upper_arm_fat": 0.5, "thigh_fat": 0.5,
-        "double_chin": 0.7, "face_fat": 0.6, "neck_girth": 0.3,
+        "gender": 0.6,
+        "weight": 2.0,
+        "muscle": 0.35,
+        "belly": 0.6,
+        "hips": 0.3,
+        "upper_arm_fat": 0.5,
+        "thigh_fat": 0.5,
+        "double_chin": 0.7,
+        "face_fat": 0.6,
+        "neck_girth": 0.3,
     },  # fmt: skip
     "muscular": {"gender": 1.0, "muscle": 1.0, "weight": 0.62, "proportions": 0.8},
     "tall": {"gender": 0.8, "height": 2.0, "weight": 0.45},

@@ -126,8 +126,9 @@ class PreparedCopy(Retargeter):
     def step(self, pose: Pose) -> Pose:
         """The pose of one frame, with no look-ahead: contacts are left as they come."""
         skeleton = self.source.skeleton
-        moved = self._moved_by_source(pose)
-        local = local_positions(skeleton, pose.translations[None], moved)
+        if len(pose.rotations) != len(skeleton) or max(pose.moved) >= len(skeleton):
+            raise RetargetError(f"the pose has {len(pose.rotations)} joints, the prepared source {len(skeleton)}")
+        local = local_positions(skeleton, pose.translations[None], pose.moved)
         rotations, positions = forward(skeleton.parents, pose.rotations[None], local)
         world, hips = self._copy(rotations, positions, self.source_floor)
         if self.settings.in_place:
@@ -135,16 +136,6 @@ class PreparedCopy(Retargeter):
             hips = hips * [0, 1, 0] + self.first_step[0] * [1, 0, 1]
         result = self._motion(world, hips, None)
         return result.pose(0)
-
-    def _moved_by_source(self, pose: Pose) -> tuple[int, ...]:
-        hips = self.source.humanoid.joints["hips"]
-        if len(pose.translations) == 1:
-            return (0,)
-        if len(pose.translations) == 2 and hips != 0:
-            return (0, hips)
-        raise RetargetError(
-            f"an online pose carries the position of the root, or of root and hips; received {len(pose.translations)} positions"
-        )
 
     def _contacts(self, rotations: Array, positions: Array, fps: float) -> GroundContacts:
         points = np.concatenate(support_points(self.source_limbs, rotations, positions), axis=1)
