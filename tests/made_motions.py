@@ -12,7 +12,7 @@ from retarget.character import Character, Motion, Skeleton, Skin
 from retarget.contact.support import descendants
 from retarget.motion.align import Similarity
 from retarget.motion.ik import two_bone
-from retarget.retargeting import Hints, cast
+from retarget.retargeting import Hints, cast, prepare
 
 UP = np.array([0.0, 1.0, 0.0])
 
@@ -33,6 +33,26 @@ def cast_by_names(character, names=None):
     """Cast with the joints named by hand, so that matching has no part in what is tested."""
     names = names or {name: name for name in body().skeleton.names}
     return cast(character, Hints(joints=names))
+
+
+@cache
+def prepared(source, target, method):
+    """A pair of bodies, prepared once for all tests that want it."""
+    return prepare(source, target, method)
+
+
+def fingerless(thing):
+    """A character or motion on the embedded human's 22 joints of the body, which come first: quicker to match."""
+    skeleton = thing.skeleton
+    assert skeleton.names[22] == "leftThumbMetacarpal"
+    ends = {joint: end for joint, end in skeleton.end_offsets.items() if joint < 22}
+    fewer = Skeleton(skeleton.names[:22], skeleton.parents[:22], skeleton.offsets[:22], skeleton.rest_rotations[:22], ends)
+    if isinstance(thing, Motion):
+        return replace(thing, skeleton=fewer, rotations=thing.rotations[:, :22])
+    hands = [skeleton.index("leftHand" if name.startswith("left") else "rightHand") for name in skeleton.names]
+    skin = thing.skin
+    joints = np.where(skin.joints < 22, skin.joints, np.array(hands)[skin.joints])
+    return replace(thing, skeleton=fewer, skin=replace(skin, joints=joints))
 
 
 def ramp(frames, start, stop):

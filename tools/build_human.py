@@ -246,12 +246,12 @@ def name_places(
 
 def report_regressor(base, cubes, regressor, combine, bodies) -> None:
     """Prints how far the regressed joints are from MakeHuman's own on the key bodies."""
-    worst = 0.0
-    for body in bodies:
+    for key, body in zip(KEY_BODIES, bodies, strict=True):
         goal = np.array([np.mean([base.joint(name, body) for name in cube], axis=0) for cube in cubes])
-        error = np.linalg.norm(regressor[: len(cubes)] @ (combine @ body) - goal, axis=1)
-        print("regressor mm: mean %.2f max %.2f (%s)" % (error.mean() * 1e3, error.max() * 1e3, cubes[error.argmax()]))
-        worst = max(worst, error.max())
+        error = 1e3 * np.linalg.norm(regressor[: len(cubes)] @ (combine @ body) - goal, axis=1)
+        print(
+            f"joints of {' '.join(key)}: mean {error.mean():.1f} mm, worst {error.max():.1f} at {cubes[error.argmax()]}"
+        )
 
 
 def main() -> None:

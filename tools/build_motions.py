@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import motion_actions as actions
+import motion_crossing as crossing
 import motion_gestures as gestures
 import numpy as np
 from motion_body import PERFORMER, Performer, performer
@@ -35,6 +36,7 @@ CLIPS: dict[str, Callable[[Performer], Clip]] = {
     "hands_behind_head": gestures.hands_behind_head,
     "arms_crossed": gestures.arms_crossed,
     "clap": gestures.clap,
+    "legs_crossed": crossing.legs_crossed,
     "squat_hands_on_knees": gestures.squat_hands_on_knees,
 }
 STEPS = 32767

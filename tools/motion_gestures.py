@@ -178,10 +178,10 @@ def clap(performer: Performer) -> Clip:
     for side in ("right", "left"):
         sign, meets = SIGN[side], side == "left"
         holds.append(Hold(
-            side, ("PalmHeel", "IndexBase", "LittleBase", "MiddlePad", "RingPad") if meets else (), ("rightHand",) if meets else (),
+            side, ("PalmHeel", "IndexBase", "LittleBase", "MiddlePad") if meets else (), ("rightHand",) if meets else (),
             {"MiddleBase": {"rightMiddleBase": 1.0}} if meets else {"MiddleBase": {"chest": 0.6, "navel": 0.4}},
-            fingers=(sign * 0.02, 0.8 if meets else 0.65, 0.6 if meets else 0.75), palm=(-sign, 0.0, 0.0), away=(sign * 0.8, -0.1 * sign, -0.15),
-            shift=(0.016, 0.0, 0.0) if meets else (0.0, 0.0, 0.28), pull=0.25 if meets else 0.5, aim=0.2, stiff_fingers=30.0,
+            fingers=(-sign * 0.12, 0.62 if meets else 0.5, 0.8), palm=(-sign, 0.0, -0.1), away=(sign * 0.8, -0.1 * sign, -0.15),
+            shift=(0.035, 0.0, 0.0) if meets else (-0.01, 0.05, 0.26), pull=0.1 if meets else 0.3, aim=0.06, stiff_fingers=30.0,
         ))  # fmt: skip
         guesses.append(arm(flex=30, abduct=0, internal=30, elbow=88, pronate=4, wrist=-20, index=-4, middle=-6, ring=-6, little=-4, thumb=0, adduct=12, oppose=-8))
     frame = int(round(beats[1] * FPS))

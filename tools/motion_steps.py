@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from motion_body import SIDES, Performer, X, Y
+from motion_body import SIDES, Performer
 from motion_pose import Channels, leg_reach, pose, yaw_pitch_roll
-from motion_time import FPS, ease, keyed
+from motion_time import FPS, ease
+from scipy.interpolate import PchipInterpolator
 
 from retarget.body import rotations as rot
 from retarget.motion.filter import gaussian, upper_envelope
@@ -33,6 +34,10 @@ class Step:
     """Degrees by which the toes are raised when the heel touches the floor; negative: the ball touches first."""
     height: float = 0.0
     """Metres added to the middle of the swing."""
+    around: float = 0.0
+    """Metres by which the middle of the swing lies in front of the straight way."""
+    rest: float = 0.0
+    """Degrees by which the heel stays raised while the foot stands."""
     flight: bool = False
     """Whether the foot rises and falls with a body in free flight, on a parabola."""
     kick: float = 1.1
@@ -98,6 +103,7 @@ def _place_foot(performer: Performer, act: Channels, t: Array, side: str, start:
         path = _hermite(share, before[1], behind[1], speed[0] * span, speed[1] * span)
         path[:, 1] += step.height * (4 * share * (1 - share) if step.flight else np.sin(np.pi * share) ** 2)
         ankle[swing] = path
+        path[:, 2] += step.around * np.sin(np.pi * share) ** 2
         relaxed = np.radians(8) * np.sin(np.pi * share)
         toes[swing] = np.maximum(toes[swing] * (1 - ease(share, 0.0, 0.45)), relaxed)
     act.ankles[side], act.toes[side] = ankle, gaussian(toes, 0.6)
@@ -112,14 +118,13 @@ def _pitch(t: Array, steps: Sequence[Step]) -> Array:
     for i, step in enumerate(steps):
         landed = steps[i - 1].land if i else step.lift - 0.62
         rise = landed + step.roll_start * (step.lift - landed) if i else step.lift - 0.32
-        keys.append((max(rise, keys[-1][0] + 0.02), 0.0))
+        before = steps[i - 1].rest if i else 0.0
+        keys.append((max(rise, keys[-1][0] + 0.02), before))
         span = step.land - step.lift
-        keys.append((max(step.lift - 0.12, keys[-1][0] + 0.02), 0.33 * step.push))  # when the other foot lands, at a walk
+        keys.append((max(step.lift - 0.12, keys[-1][0] + 0.02), before + 0.33 * (step.push - before)))  # when the other foot lands, at a walk
         keys += [(step.lift, step.push), (step.lift + step.kick_time * span, step.push * step.kick), (step.lift + 0.62 * span, 0.12 * step.push)]
-        keys += [(step.land - 0.04 * span, -step.strike), (step.land, -step.strike * 0.95), (step.land + step.settle, 0.0)]
-    keys.append((keys[-1][0] + 100.0, 0.0))
-    from scipy.interpolate import PchipInterpolator
-
+        keys += [(step.land - 0.04 * span, -step.strike), (step.land, -step.strike * 0.95), (step.land + step.settle, step.rest)]
+    keys.append((keys[-1][0] + 100.0, keys[-1][1]))
     times, values = np.array(keys).T
     return np.radians(PchipInterpolator(times, values)(t))
 

@@ -23,9 +23,21 @@ from retarget.character import Motion
 from retarget.errors import RetargetError
 
 FOLDED = 40  # faces of 13,762 turned by more than a right angle; corners of the shape space have up to 36
-BODY_JOINTS = """hips spine chest upperChest neck head leftShoulder leftUpperArm leftLowerArm leftHand leftUpperLeg
-leftLowerLeg leftFoot leftToes rightShoulder rightUpperArm rightLowerArm rightHand rightUpperLeg rightLowerLeg rightFoot
-rightToes""".split()
+CENTRE = {"spine": "hips", "chest": "spine", "upperChest": "chest", "neck": "upperChest", "head": "neck"}
+SIDES = {
+    "Shoulder": "upperChest", "UpperArm": "Shoulder", "LowerArm": "UpperArm", "Hand": "LowerArm", "UpperLeg": "hips",
+    "LowerLeg": "UpperLeg", "Foot": "LowerLeg", "Toes": "Foot", "ThumbMetacarpal": "Hand",
+    "ThumbProximal": "ThumbMetacarpal", "ThumbDistal": "ThumbProximal",
+} | {
+    f"{finger}{phalanx}": finger + above if above else "Hand"
+    for finger in ("Index", "Middle", "Ring", "Little")
+    for phalanx, above in (("Proximal", ""), ("Intermediate", "Proximal"), ("Distal", "Intermediate"))
+}  # fmt: skip
+TREE = CENTRE | {
+    side + name: above if above in ("hips", "upperChest") else side + above
+    for side in ("left", "right")
+    for name, above in SIDES.items()
+}
 
 
 @pytest.fixture(scope="module")
@@ -202,10 +214,10 @@ def swapped(name):
 class TestSkeleton:
     def test_names_and_tree(self):
         skeleton = human().skeleton
-        assert sorted(skeleton.names[:22]) == sorted(BODY_JOINTS) and len(skeleton) == 52
         parent = {name: skeleton.names[p] for name, p in zip(skeleton.names[1:], skeleton.parents[1:], strict=True)}
-        assert parent["leftUpperArm"] == "leftShoulder" and parent["rightFoot"] == "rightLowerLeg"
-        assert parent["leftThumbMetacarpal"] == parent["leftLittleProximal"] == "leftHand"
+        assert parent == TREE and skeleton.names[0] == "hips" and len(skeleton) == 52
+        fingers = ("Thumb", "Index", "Middle", "Ring", "Little")
+        assert [any(finger in name for finger in fingers) for name in skeleton.names] == [False] * 22 + [True] * 30
         ends = {skeleton.names[j] for j in skeleton.end_offsets}
         assert {"head", "leftToes", "rightToes", "leftIndexDistal", "rightThumbDistal"} <= ends and len(ends) == 13
 
@@ -265,6 +277,12 @@ class TestShapes:
         assert np.ptp(human_vertices(age=0.0)[:, 1]) < np.ptp(human_vertices(age=0.1)[:, 1]) < np.ptp(average[:, 1])
         assert np.ptp(human_vertices(gender=0.0)[:, 1]) < np.ptp(human_vertices(gender=1.0)[:, 1])
         assert 0.04 < size(weight=0.5) < 0.09  # cubic metres of a grown-up
+
+    def test_proportions_move_the_limbs_and_keep_the_middle(self, average):
+        uncommon, ideal = human_vertices(proportions=0.0), human_vertices(proportions=1.0)
+        assert np.linalg.norm(uncommon - average, axis=1).mean() > 0.003
+        assert np.linalg.norm(ideal - average, axis=1).mean() > 0.003
+        assert np.array_equal(human_vertices(proportions=0.5), average)
 
     def test_heads_of_toddlers_are_large(self, model):
         def share(**shape):

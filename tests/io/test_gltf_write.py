@@ -266,8 +266,13 @@ def test_joints_scaled_to_nothing_stay_finite(tmp_path):
     character = gltf.load(m.glb(tmp_path / "a.glb")).character
     gltf.save(tmp_path / "b.glb", character, [dance(character.skeleton)])
     gltf.save(tmp_path / "c.glb", character, [dance(character.skeleton)], animation_only=True)
-    for name in ("b.glb", "c.glb"):
+    moving = replace(dance(character.skeleton), moved=(0, 2), translations=np.ones((7, 2, 3)))
+    gltf.save(tmp_path / "d.glb", character, [moving])
+    for name in ("b.glb", "c.glb", "d.glb"):
         assert gltf.load(tmp_path / name).motion(0).rotations.shape[1] == 3
+    # What stands at a point has no place to keep: the node's own is written.
+    pose = Reference(tmp_path / "d.glb").pose(1, 0.0)
+    np.testing.assert_allclose(pose[2]["translation"], [0, 0.7, 0], atol=1e-6)
 
 
 def test_inverse_binds_rounded_in_the_last_row_are_written_exactly(tmp_path):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_motions import actor, body, cast_by_names, poses, ramp, stand, turned, walk
+from made_motions import actor, body, cast_by_names, poses, prepared, ramp, stand, turned, walk
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import local_rotations, still_motion, world_pose
@@ -14,7 +14,10 @@ from retarget.contact.support import leg_length, support_limbs, support_points
 from retarget.errors import RetargetError
 from retarget.evaluate.metrics import floor_error_cm, foot_slide_cm
 from retarget.methods import CopyRotations
-from retarget.retargeting import prepare
+
+
+def prepare(source, target, **settings):
+    return prepared(source, target, CopyRotations(**settings))
 
 
 def feet(person, motion):

@@ -76,7 +76,7 @@ def match_humanoid(skeleton: Skeleton) -> Humanoid:
     named = _named_share(names, body, tree.joints) if body else 0.0
     if body is None or body.shape_cost > (PLAUSIBLE_IF_NAMED if named > 0.6 else PLAUSIBLE):
         return _match_by_names_alone(skeleton, tree, names, body)
-    (lambda *a: 0)(skeleton, names, body.up, body.legs.points(tree, 2) - body.legs.points(tree, 0))
+    _refuse_animal(skeleton, names, body.up, body.legs.points(tree, 2) - body.legs.points(tree, 0))
     _refuse_ambiguity(skeleton, names, readings)
     axes = body_axes(tree, body)
     by_shape, by_names = weigh(left_evidence(tree, body, axes)), name_evidence(names, body)

@@ -58,12 +58,15 @@ def timeline(times: Float[Array, "keys"]) -> Timeline:
 
 def key_times(document: Document, accessor: int) -> Float[Array, "keys"]:
     """Key times of a sampler, seconds. Raises `FileError` if there are none or they run backwards."""
+    if accessor in document.key_times:
+        return document.key_times[accessor]
     times = document.floats(accessor, ("SCALAR",))[:, 0]
     place = f"accessors[{accessor}]"
     if not len(times):
         raise document.fail("an animation has no keys", place)
     if (np.diff(times) < 0).any() or times[0] < 0:
         raise document.fail("key times must not be negative nor run backwards", place)
+    document.key_times[accessor] = times
     return times
 
 

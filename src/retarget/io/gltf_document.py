@@ -63,7 +63,8 @@ class Document:
     """Bytes of each buffer, at least `byteLength` long."""
     chunks: tuple[tuple[int, bytes], ...] = ()
     """Chunks of a GLB beyond JSON and BIN, kept for the writer."""
-    _arrays: dict[int, Array] = field(default_factory=dict, repr=False)
+    key_times: dict[int, Array] = field(default_factory=dict, repr=False)
+    """Key times already read and checked, by accessor: the channels of a clip share a few of them."""
 
     @property
     def room(self) -> int:
@@ -143,15 +144,10 @@ class Document:
 
         Raises `FileError` for values that are not finite, besides what `raw` raises.
         """
-        if number in self._arrays:
-            return self._arrays[number]
-        accessor = self.json["accessors"][number]
         values = self.decoded(number, types)
         if not np.isfinite(values).all():
             row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
             raise self.fail(f"element {row} is not a finite number", f"accessors[{number}]")
-        if accessor["type"] == "SCALAR":  # key times: read again for every channel
-            self._arrays[number] = values
         return values
 
     def decoded(self, number: int, types: tuple[str, ...]) -> Array:
