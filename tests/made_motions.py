@@ -50,9 +50,9 @@ def fingerless(thing):
     if isinstance(thing, Motion):
         return replace(thing, skeleton=fewer, rotations=thing.rotations[:, :22])
     hands = [skeleton.index("leftHand" if name.startswith("left") else "rightHand") for name in skeleton.names]
-    skin = thing.skin
-    joints = np.where(skin.joints < 22, skin.joints, np.array(hands)[skin.joints])
-    return replace(thing, skeleton=fewer, skin=replace(skin, joints=joints))
+    columns = np.where(thing.skin.columns < 22, thing.skin.columns, np.array(hands)[thing.skin.columns])  # one a joint here
+    skin = Skin(thing.skin.joints[:22], thing.skin.inverse_binds[:22], columns, thing.skin.weights)
+    return replace(thing, skeleton=fewer, skin=skin)
 
 
 def ramp(frames, start, stop):

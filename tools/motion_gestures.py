@@ -145,11 +145,11 @@ def arms_crossed(performer: Performer) -> Clip:
     act.look[:, 0] -= rad(10) * ease(t, 1.7, 2.3) * (1 - ease(t, 2.9, 3.6))
     stand_firm(performer, act, planted)
     under = Hold(
-        "left", ("IndexBase", "LittleBase", *PADS), ("rightUpperArm",), {"Palm": {"rightUpperArmFront": 0.65, "rightElbowInside": 0.35}},
+        "left", ("IndexBase", "LittleBase", *PADS), ("rightUpperArm",), {"Palm": {"rightUpperArmFront": 0.5, "rightElbowInside": 0.5}}, pull=0.5,
         fingers=(-0.85, 0.25, -0.4), palm=(0.2, -0.1, -0.95), away=(-0.1, 0.1, 1.0),
     )  # fmt: skip
     over = Hold(
-        "right", ("Palm", "IndexBase", "LittleBase", *PADS), ("leftUpperArm",), {"Palm": {"leftUpperArmFront": 0.75, "leftElbowInside": 0.25}},
+        "right", ("Palm", "IndexBase", "LittleBase", *PADS), ("leftUpperArm",), {"Palm": {"leftUpperArmFront": 0.6, "leftElbowInside": 0.4}}, pull=0.5,
         fingers=(0.85, 0.35, -0.35), palm=(-0.45, 0.0, -0.9), away=(0.1, 0.1, 1.0),
     )  # fmt: skip
     holds = [under, over]
@@ -158,7 +158,7 @@ def arms_crossed(performer: Performer) -> Clip:
         arm(**{"forward": 20}, flex=38, abduct=-4, internal=46, elbow=88, pronate=-20, wrist=20, radial=-10, **FLAT),
     ]
     times = [(0.3, 1.25, 3.85, 4.8), (0.6, 1.75, 3.4, 4.4)]
-    reach(performer, act, t, holds, guesses, times, lift=0.09, close=0.4, together=True)
+    reach(performer, act, t, holds, guesses, times, lift=0.12, close=0.45, together=True)
     window = during((0, times[1][1], times[1][2], 0))
     touches = [(*window, "leftHand", "rightUpperArm"), (*window, "rightHand", "leftUpperArm")]
     return Clip.of(performer, "arms_crossed", act, planted, touches)

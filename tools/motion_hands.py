@@ -115,6 +115,11 @@ def settle(problem: Problem, guess: Array) -> Array:
     return problem.solve(free.solve(guess, rounds=25), rounds=35)
 
 
+def polish(problem: Problem, angles: Array, rounds: int = 30) -> Array:
+    """Closed and clean: only the skin counts, and staying near a pose that is where it should be."""
+    return replace(problem, meets=(), aims=()).solve(angles, rounds=rounds)
+
+
 def anchored(performer: Performer, problem: Problem, angles: Array, weight: float = 0.6) -> tuple[Meet, ...]:
     """The points of the skin that the touching points lie on in a solved pose: they stay together while it is held."""
     posed = performer.skin(performer.world(*problem.build(angles[None])))[0]
@@ -134,7 +139,7 @@ def keep_hold(performer: Performer, act: Channels, holds: Sequence[Hold], start:
     angles = np.concatenate([act.arms[hold.side] for hold in holds], axis=1)
     middle = (first + last) // 2
     problem = arm_problem(performer, act, middle, holds)
-    solved = problem.solve(angles[middle], rounds=14)
+    solved = polish(problem, angles[middle], rounds=14)
     anchors = anchored(performer, problem, solved)
     correction = np.zeros((last - first + 1, angles.shape[1]))
     for order in (range(middle, last + 1), range(middle, first - 1, -1)):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from motion_body import Performer
-from motion_hands import Hold, arm_problem, body_faces, keep_hold, limb_vertices, one_frame, settle
+from motion_hands import Hold, arm_problem, body_faces, keep_hold, limb_vertices, one_frame, polish, settle
 from motion_pose import ARM, Channels
 from motion_time import FPS, ease
 from motion_touch import PosedSurface
@@ -37,8 +37,10 @@ def solve_places(
     contact = np.concatenate([act.arms[hold.side][frame] for hold in holds])
     for side, angles in before.items():
         act.arms[side][frame] = angles
+    problem = arm_problem(performer, act, frame, holds)
     if len(holds) > 1:
-        contact = arm_problem(performer, act, frame, holds).solve(contact, rounds=60 if together else 35)
+        contact = problem.solve(contact, rounds=90 if together else 35)
+    contact = polish(problem, contact)
     off = arm_problem(performer, act, frame, holds, lift).solve(contact, rounds=25)
     contacts, hovers = np.split(contact, len(holds)), np.split(off, len(holds))
     fingers = ARM.index("adduct")

@@ -61,7 +61,7 @@ def test_the_shortest_clips_do_not_crash(frames):
     assert np.allclose(goal.displacement, [0, 0.02, 0], atol=1e-3)
     positions = np.tile(np.array([[0, 1.0, 0], [0, 0.55, 0.02], [0, 0.1, 0]]), (frames, 1, 1))
     assert hip_drop([goal], positions, FPS).shape == (frames,)
-    assert body_lift([points], [touching], [np.zeros((frames, 2))], FPS).shape == (frames,)
+    assert body_lift([points], [touching], [np.zeros((frames, 2))], 0.9, FPS).shape == (frames,)
 
 
 def test_heights_meet_the_support_and_nothing_sinks():
@@ -97,9 +97,9 @@ def test_the_body_rises_by_what_its_feet_lack():
     points = np.zeros((frames, 2, 3))
     points[..., 1] = -0.05
     touching, support = np.ones((frames, 2), bool), np.zeros((frames, 2))
-    assert np.allclose(body_lift([points], [touching], [support], FPS), 0.05)
+    assert np.allclose(body_lift([points], [touching], [support], 0.9, FPS), 0.05)
     none = np.zeros((frames, 2), bool)
-    assert np.allclose(body_lift([points, points], [none, none], [support, support], FPS), 0)
+    assert np.allclose(body_lift([points, points], [none, none], [support, support], 0.9, FPS), 0)
 
 
 def test_of_two_feet_the_deeper_one_leads():
@@ -107,7 +107,7 @@ def test_of_two_feet_the_deeper_one_leads():
     deep, level = np.zeros((frames, 2, 3)), np.zeros((frames, 2, 3))
     deep[..., 1] = -0.10
     touching, support = np.ones((frames, 2), bool), np.zeros((frames, 2))
-    lift = body_lift([deep, level], [touching, touching], [support, support], FPS)
+    lift = body_lift([deep, level], [touching, touching], [support, support], 0.9, FPS)
     assert np.allclose(lift, 0.10, atol=0.002)
 
 

@@ -176,7 +176,8 @@ class PreparedCopy(Retargeter):
             for heights in np.split(contacts.heights, counts, axis=1)
         ]
         ground = [np.minimum(self.floor, heights.min(axis=1)) for heights in sources]
-        lift = body_lift(points[:LEGS], touching[:LEGS], support[:LEGS], fps)[:, None] * [0.0, 1.0, 0.0]
+        leg = leg_length(self.target.skeleton, self.target.humanoid)
+        lift = body_lift(points[:LEGS], touching[:LEGS], support[:LEGS], leg, fps)[:, None] * [0.0, 1.0, 0.0]
         placed, hips = placed + lift[:, None], hips + lift
         goals = [
             limb_goal(limb, placed[:, limb.joints[2]], path + lift[:, None], rests, level, lowest, fps)

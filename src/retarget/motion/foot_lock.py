@@ -28,8 +28,8 @@ GRIP = 0.006
 """A point that comes to rest stands still after about this time: below a frame, so contacts hold exactly."""
 LIFT_SIGMA = 0.10
 """Low-pass on the body's lift."""
-SOFTNESS = 0.02
-"""Metres between two feet's lifts over which the lower one takes the lead."""
+SOFTNESS = 0.02 / 0.9
+"""Share of the leg length: the difference between two feet's lifts over which the lower one takes the lead."""
 STRETCH = 0.9995
 """Share of its length to which a leg is stretched at most (or as far as the copied pose stretches it)."""
 
@@ -51,6 +51,7 @@ def body_lift(
     points: Sequence[Float[Array, "frames points 3"]],
     touching: Sequence[Bool[Array, "frames points"]],
     support: Sequence[Float[Array, "frames points"]],
+    leg_length: float,
     fps: float,
 ) -> Float[Array, "frames"]:
     """How far the whole body should rise (or sink, negative) so that resting feet meet their support.
@@ -67,7 +68,7 @@ def body_lift(
     standing = np.flatnonzero(np.isfinite(lifts).any(axis=1))
     if len(standing) == 0:
         return np.zeros(frames)
-    share = np.exp((lifts[standing] - np.nanmax(lifts[standing], axis=1, keepdims=True)) / SOFTNESS)
+    share = np.exp((lifts[standing] - np.nanmax(lifts[standing], axis=1, keepdims=True)) / (SOFTNESS * leg_length))
     known = np.nansum(share * lifts[standing], axis=1) / np.nansum(share, axis=1)
     return gaussian(np.interp(np.arange(frames), standing, known), LIFT_SIGMA * fps)
 
