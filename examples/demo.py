@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from retarget import cast, embedded_motion, human, prepare, save
-from retarget.body.human import PRESETS
+from retarget.body.human import PRESETS, textured
 from retarget.evaluate.benches.skeletal import Case, measure
 from retarget.motion.library import PERFORMER
 from retarget.view.picture import save_png, sheet
@@ -23,13 +23,13 @@ def main(folder: Path) -> None:
     started = time.perf_counter()
     folder.mkdir(parents=True, exist_ok=True)
     performance = embedded_motion("demo")
-    thin = human(**PRESETS[PERFORMER], name=PERFORMER)
+    thin = textured(human(**PRESETS[PERFORMER], name=PERFORMER))
     source = cast(thin)
     save(folder / f"{PERFORMER}.glb", thin, [performance])
     rows = [motion_row(f"source: {PERFORMER}", thin, performance, FRAMES)]
     print(f"{'':10}" + "".join(name.rjust(24) for name in FIGURES))
     for body in BODIES:
-        character = human(**PRESETS[body], name=body)
+        character = textured(human(**PRESETS[body], name=body))
         target = cast(character)
         result = prepare(source, target)(performance)
         save(folder / f"{body}.glb", character, [result.motion])

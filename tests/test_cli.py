@@ -136,7 +136,7 @@ def test_foot_lock_can_be_left_out_and_the_same_call_writes_the_same_bytes(made,
     for name, words in (("held.glb", []), ("again.glb", []), ("free.glb", ["--no-foot-lock"])):
         assert command("run", made / "walk.bvh", made / "heavy.glb", "-o", tmp_path / name, *words)[0] == 0
     assert (tmp_path / "held.glb").read_bytes() == (tmp_path / "again.glb").read_bytes()
-    assert np.abs(hips(tmp_path / "held.glb")[1] - hips(tmp_path / "free.glb")[1]).max() > 1e-4
+    assert (tmp_path / "held.glb").read_bytes() != (tmp_path / "free.glb").read_bytes()
 
 
 # --- info, map, body, picture -------------------------------------------------------------------------------------

@@ -115,9 +115,10 @@ def settle(problem: Problem, guess: Array) -> Array:
     return problem.solve(free.solve(guess, rounds=25), rounds=35)
 
 
-def polish(problem: Problem, angles: Array, rounds: int = 30) -> Array:
-    """Closed and clean: only the skin counts, and staying near a pose that is where it should be."""
-    return replace(problem, meets=(), aims=()).solve(angles, rounds=rounds)
+def polish(problem: Problem, angles: Array, rounds: int = 30, aim: float = 0.3) -> Array:
+    """Closed and clean: places no longer count, only the skin, and staying near a pose that is where it should be."""
+    aims = [replace(each, weight=aim * each.weight) for each in problem.aims]
+    return replace(problem, meets=(), aims=aims).solve(angles, rounds=rounds)
 
 
 def anchored(performer: Performer, problem: Problem, angles: Array, weight: float = 0.6) -> tuple[Meet, ...]:
@@ -130,7 +131,7 @@ def anchored(performer: Performer, problem: Problem, angles: Array, weight: floa
     return tuple(meets)
 
 
-def keep_hold(performer: Performer, act: Channels, holds: Sequence[Hold], start: float, end: float, reach: float = 0.25) -> None:
+def keep_hold(performer: Performer, act: Channels, holds: Sequence[Hold], start: float, end: float, reach: float = 0.25, aim: float = 0.3) -> None:
     """Correct arms over the frames of a contact (seconds) so that it stays closed while the body lives.
 
     Each touching point keeps its place on the skin; the corrections fade out over `reach` seconds on either side.
@@ -139,7 +140,7 @@ def keep_hold(performer: Performer, act: Channels, holds: Sequence[Hold], start:
     angles = np.concatenate([act.arms[hold.side] for hold in holds], axis=1)
     middle = (first + last) // 2
     problem = arm_problem(performer, act, middle, holds)
-    solved = polish(problem, angles[middle], rounds=14)
+    solved = polish(problem, angles[middle], rounds=14, aim=aim)
     anchors = anchored(performer, problem, solved)
     correction = np.zeros((last - first + 1, angles.shape[1]))
     for order in (range(middle, last + 1), range(middle, first - 1, -1)):

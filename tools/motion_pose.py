@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from motion_body import FINGERS, SIDES, SIGN, X, Y, Z, Performer
+from motion_body import FINGERS, SIDES, SIGN, Performer, X, Y, Z
 
 from retarget.body import rotations as rot
 

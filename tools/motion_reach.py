@@ -40,7 +40,7 @@ def solve_places(
     problem = arm_problem(performer, act, frame, holds)
     if len(holds) > 1:
         contact = problem.solve(contact, rounds=90 if together else 35)
-    contact = polish(problem, contact)
+    contact = polish(problem, contact, aim=0.0 if together else 0.3)
     off = arm_problem(performer, act, frame, holds, lift).solve(contact, rounds=25)
     contacts, hovers = np.split(contact, len(holds)), np.split(off, len(holds))
     fingers = ARM.index("adduct")
@@ -68,7 +68,7 @@ def reach(
         own = ease(when, start, comes - 0.25 * close) * (1 - ease(when, goes + 0.25 * close, end))
         path = hover + (contact - hover) * near
         act.arms[hold.side] = act.arms[hold.side] * (1 - own) + path * own
-    keep_hold(performer, act, holds, arrive + 0.05, leave - 0.02)
+    keep_hold(performer, act, holds, arrive + 0.05, leave - 0.02, aim=0.0 if together else 0.3)
     for hold in holds:
         keep_out(performer, act, hold.side, min(each[0] for each in times), arrive, hold.clear)
         keep_out(performer, act, hold.side, leave, max(each[3] for each in times), hold.clear)

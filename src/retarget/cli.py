@@ -24,6 +24,9 @@ app = typer.Typer(
 )
 log = logging.getLogger("retarget")
 
+PRESET_NAMES = "average woman man thin heavy very_heavy muscular tall short elderly child toddler"
+"""As in `body.human.PRESETS`, which would load numpy for a help text."""
+
 File = Annotated[Path, typer.Argument(show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what was inferred.")]
@@ -162,19 +165,20 @@ def map_(
 def body(
     output: Annotated[Path, typer.Option("--output", "-o", help="The .glb to write.", show_default=False)],
     preset: Annotated[
-        Optional[str], typer.Option(help="thin, heavy, child, muscular, ... as a start.", show_default=False)
+        Optional[str], typer.Option(help=f"A body to start from: {PRESET_NAMES}.", show_default=False)
     ] = None,
     gender: Annotated[Optional[float], typer.Option(help="0 female to 1 male.", show_default=False)] = None,
     age: Annotated[
-        Optional[float], typer.Option(help="0 baby, 0.25 child, 0.5 adult, 1 old.", show_default=False)
+        Optional[float], typer.Option(help="0 one year, 0.19 twelve, 0.5 twenty-five, 1 ninety.", show_default=False)
     ] = None,
     muscle: Annotated[Optional[float], typer.Option(help="0 to 1.", show_default=False)] = None,
-    weight: Annotated[Optional[float], typer.Option(help="0 to 1; beyond extrapolates.", show_default=False)] = None,
+    weight: Annotated[Optional[float], typer.Option(help="0 to 1; up to 2 extrapolates.", show_default=False)] = None,
     height: Annotated[Optional[float], typer.Option(help="Metres.", show_default=False)] = None,
     proportions: Annotated[Optional[float], typer.Option(help="0 to 1.", show_default=False)] = None,
     shape: Annotated[
         Optional[list[str]], typer.Option(help="A finer component, NAME=VALUE; may be repeated.", show_default=False)
     ] = None,
+    plain: Annotated[bool, typer.Option("--plain", help="One colour a region instead of a texture.")] = False,
     motion: Annotated[
         Optional[str], typer.Option(help="An embedded motion to perform (see `retarget motions`).", show_default=False)
     ] = None,
@@ -183,12 +187,8 @@ def body(
     from retarget.commands import write_body
 
     given = dict(gender=gender, age=age, muscle=muscle, weight=weight, height=height, proportions=proportions)
-    _say(
-        write_body(
-            output, preset, {name: value for name, value in given.items() if value is not None}, shape or [], motion
-        ),
-        False,
-    )
+    given = {name: value for name, value in given.items() if value is not None}
+    _say(write_body(output, preset, given, shape or [], motion, plain), False)
 
 
 @app.command()

@@ -270,10 +270,15 @@ def write_joint_map(source: Path, target: Path, output: Path) -> dict[str, Any]:
 
 
 def write_body(
-    output: Path, preset: str | None, shape: Mapping[str, float], components: list[str], motion: str | None
+    output: Path,
+    preset: str | None,
+    shape: Mapping[str, float],
+    components: list[str],
+    motion: str | None,
+    plain: bool = False,
 ) -> dict[str, Any]:
     """Write the embedded human, still or performing an embedded motion."""
-    from retarget.body.human import PRESETS, human, human_model
+    from retarget.body.human import PRESETS, human, human_model, textured
     from retarget.errors import unknown_name
     from retarget.io import save
 
@@ -296,7 +301,7 @@ def write_body(
 
         performance = embedded_motion(motion)
         clips = [prepare(cast(human(**PRESETS[PERFORMER])), cast(character))(performance).motion]
-    save(output, character, clips)
+    save(output, character if plain else textured(character), clips)
     tall = float(character.mesh.vertices[:, 1].max() - character.mesh.vertices[:, 1].min())
     return {
         "lines": [

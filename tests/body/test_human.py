@@ -262,7 +262,8 @@ class TestShapes:
     def test_within_its_range_height_is_not_mere_scaling(self, average):
         low, high = height_range()
         assert low < 1.35 and high > 2.1
-        tall = human_vertices(height=1.9)
+        tall, natural = human_vertices(height=1.9), np.ptp(average[:, 1])
+        assert np.abs(human_vertices(height=natural) - average).max() < 1e-4
         assert np.abs(tall / np.ptp(tall[:, 1]) - average / np.ptp(average[:, 1])).max() > 0.005
         beyond, end = human_vertices(height=high + 0.2), human_vertices(height=high)
         assert np.allclose(beyond / (high + 0.2), end / high, atol=1e-6)
@@ -400,3 +401,9 @@ class TestTexture:
         names = [material.name for material in model.materials]
         assert set(np.unique(model.face_materials)) == set(range(len(names)))
         assert {"skin", "hair", "shirt", "shorts"} <= set(names)
+
+
+def test_the_command_line_names_every_preset():
+    from retarget.cli import PRESET_NAMES
+
+    assert PRESET_NAMES.split() == list(PRESETS)
