@@ -46,11 +46,15 @@ def fingerless(thing):
     skeleton = thing.skeleton
     assert skeleton.names[22] == "leftThumbMetacarpal"
     ends = {joint: end for joint, end in skeleton.end_offsets.items() if joint < 22}
-    fewer = Skeleton(skeleton.names[:22], skeleton.parents[:22], skeleton.offsets[:22], skeleton.rest_rotations[:22], ends)
+    fewer = Skeleton(
+        skeleton.names[:22], skeleton.parents[:22], skeleton.offsets[:22], skeleton.rest_rotations[:22], ends
+    )
     if isinstance(thing, Motion):
         return replace(thing, skeleton=fewer, rotations=thing.rotations[:, :22])
     hands = [skeleton.index("leftHand" if name.startswith("left") else "rightHand") for name in skeleton.names]
-    columns = np.where(thing.skin.columns < 22, thing.skin.columns, np.array(hands)[thing.skin.columns])  # one a joint here
+    columns = np.where(
+        thing.skin.columns < 22, thing.skin.columns, np.array(hands)[thing.skin.columns]
+    )  # one a joint here
     skin = Skin(thing.skin.joints[:22], thing.skin.inverse_binds[:22], columns, thing.skin.weights)
     return replace(thing, skeleton=fewer, skin=skin)
 
@@ -127,7 +131,11 @@ def stand(fps=30.0, frames=45):
     _, rest = rest_pose(skeleton)
     t = np.arange(frames)[:, None] / frames
     hips = rest[0] + np.sin(2 * np.pi * t) * [0.03, 0, 0.02] - 0.08 * UP * (1 + 0.5 * np.sin(2 * np.pi * t - 1))
-    turns = {"leftUpperArm": np.sin(6 * t) * [0.3, 0, 1.0], "rightLowerArm": np.sin(5 * t) * [-0.8, 0.2, 0], "spine": np.sin(4 * t) * [0.1, 0.2, 0]}
+    turns = {
+        "leftUpperArm": np.sin(6 * t) * [0.3, 0, 1.0],
+        "rightLowerArm": np.sin(5 * t) * [-0.8, 0.2, 0],
+        "spine": np.sin(4 * t) * [0.1, 0.2, 0],
+    }
     ankles = [np.tile(rest[skeleton.index(side + "Foot")], (frames, 1)) for side in ("left", "right")]
     return with_feet_at(poses(frames, turns), hips, ankles, fps, "stand")
 
@@ -169,7 +177,11 @@ def in_other_order(character, seed, rename=lambda name: name):
     parents = np.array([-1 if skeleton.parents[joint] < 0 else new[skeleton.parents[joint]] for joint in order])
     ends = {int(new[joint]): end for joint, end in (skeleton.end_offsets or {}).items()}
     listed = Skeleton(
-        tuple(rename(skeleton.names[joint]) for joint in order), parents, skeleton.offsets[order], skeleton.rest_rotations[order], ends
+        tuple(rename(skeleton.names[joint]) for joint in order),
+        parents,
+        skeleton.offsets[order],
+        skeleton.rest_rotations[order],
+        ends,
     )
     return replace(character, skeleton=listed, skin=replace(character.skin, joints=new[character.skin.joints])), order
 
@@ -179,5 +191,10 @@ def with_vertices_permuted(character, seed):
     order = np.random.default_rng(seed).permutation(len(character.mesh.vertices))
     new = np.argsort(order)
     mesh = replace(character.mesh, vertices=character.mesh.vertices[order], faces=new[character.mesh.faces])
-    skin = Skin(character.skin.joints, character.skin.inverse_binds, character.skin.columns[order], character.skin.weights[order])
+    skin = Skin(
+        character.skin.joints,
+        character.skin.inverse_binds,
+        character.skin.columns[order],
+        character.skin.weights[order],
+    )
     return replace(character, mesh=mesh, skin=skin), order

@@ -23,7 +23,11 @@ def made(tmp_path_factory):
     for motion in (walk(), stand()):
         save(folder / f"{motion.name}.bvh", fingerless(body()), [fingerless(motion)])
     save(folder / "heavy.glb", fingerless(body("heavy")), [])
-    save(folder / "two.glb", fingerless(body()), [replace(fingerless(walk()), name="one"), replace(fingerless(stand()), name="two")])
+    save(
+        folder / "two.glb",
+        fingerless(body()),
+        [replace(fingerless(walk()), name="one"), replace(fingerless(stand()), name="two")],
+    )
     (folder / "bare.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     return folder
 
@@ -57,7 +61,9 @@ def test_one_motion_onto_one_character(made, tmp_path, command):
     code, out, err = command("run", made / "walk.bvh", made / "heavy.glb", "-o", tmp_path / "out.glb")
     assert (code, err) == (0, "") and "90 frames" in out and len(out.splitlines()) == 1
     asset = load(tmp_path / "out.glb")
-    assert [clip.name for clip in asset.clips] == ["walk"] and len(asset.character.mesh.vertices) >= len(body("heavy").mesh.vertices)
+    assert [clip.name for clip in asset.clips] == ["walk"] and len(asset.character.mesh.vertices) >= len(
+        body("heavy").mesh.vertices
+    )
     _, path = hips(tmp_path / "out.glb")
     assert np.ptp(path[:, 2]) == pytest.approx(1.05, rel=0.15)
 
@@ -110,7 +116,10 @@ def test_clips_by_name_all_of_them_and_the_first(made, tmp_path, command):
 
 def test_start_end_and_fps(made, tmp_path, command):
     out = tmp_path / "out.glb"
-    assert command("run", made / "walk.bvh", made / "heavy.glb", "-o", out, "--start", "1", "--end", "2", "--fps", "60")[0] == 0
+    assert (
+        command("run", made / "walk.bvh", made / "heavy.glb", "-o", out, "--start", "1", "--end", "2", "--fps", "60")[0]
+        == 0
+    )
     motion, path = hips(out)
     assert len(motion) == 61 and motion.seconds == pytest.approx(1.0, abs=1e-4)
     assert np.ptp(path[:, 2]) < 0.8
@@ -144,7 +153,12 @@ def test_foot_lock_can_be_left_out_and_the_same_call_writes_the_same_bytes(made,
 
 def test_info_tells_and_tells_machines(made, command):
     code, out, _ = command("info", made / "walk.bvh")
-    assert code == 0 and "22 joints" in out and re.search(r"leftHand +leftHand +0\.\d\d", out) and "90 frames at 30 fps" in out
+    assert (
+        code == 0
+        and "22 joints" in out
+        and re.search(r"leftHand +leftHand +0\.\d\d", out)
+        and "90 frames at 30 fps" in out
+    )
     for name, kind in (("walk.bvh", "motion"), ("two.glb", "character"), ("bare.obj", "mesh")):
         code, out, _ = command("info", made / name, "--json")
         assert code == 0 and json.loads(out)["kind"] == kind
@@ -165,7 +179,9 @@ def test_a_map_can_be_written_edited_and_used(made, tmp_path, command):
     assert code == 0 and "--map" in out and "leftIndexProximal" in table.read_text()
     edited = re.sub(r"(?m)^(left|right)(Index|Middle|Ring|Little|Thumb)\w+ .*\n", "", table.read_text())
     table.write_text(edited)
-    code, out, _ = command("run", made / "walk.bvh", tmp_path / "strange.glb", "-o", tmp_path / "out.bvh", "--map", table, "--json")
+    code, out, _ = command(
+        "run", made / "walk.bvh", tmp_path / "strange.glb", "-o", tmp_path / "out.bvh", "--map", table, "--json"
+    )
     report = json.loads(out)["clips"][0]
     assert code == 0 and "leftIndexProximal" not in report["target_joints"]
     assert report["target_joints"]["leftHand"] == strange.skeleton.names[body().skeleton.index("leftHand")]
@@ -286,7 +302,7 @@ def bad_motions(made):
     yield "nan.bvh", "".join([*rows[:first], re.sub(r"^\S+", "nan", rows[first]), *rows[first + 1 :]]), "line"
     yield "many_frames.bvh", "".join([*rows[:frames], "Frames: 1000000\n", *rows[frames + 1 :]]), "1000000"
     yield "no_frames.bvh", "".join([*rows[:frames], "Frames: 0\n", rows[frames + 1]]), "frames"
-    yield "two_roots.bvh", "".join([*rows[:frames - 1], *rows[1 : frames - 1], *rows[frames - 1 :]]), "root"
+    yield "two_roots.bvh", "".join([*rows[: frames - 1], *rows[1 : frames - 1], *rows[frames - 1 :]]), "root"
     yield "worm.bvh", WORM, "humanoid"
     yield "zero_bones.bvh", re.sub(r"OFFSET .*", "OFFSET 0 0 0", text), ""
     yield "wrong.glb", text, "glTF"
@@ -304,7 +320,11 @@ def bad_characters(made):
     yield "no_json.glb", glb("{"), "JSON"
     yield "not_gltf.glb", b"BLENDER-v300" + whole[:500], ""
     yield "extension.glb", edited_glb(good, lambda d: d.update(extensionsRequired=["VENDOR_new"])), "VENDOR_new"
-    yield "outside.gltf", json.dumps({"asset": {"version": "2.0"}, "buffers": [{"uri": "../../secret.bin", "byteLength": 4}]}), "secret.bin"
+    yield (
+        "outside.gltf",
+        json.dumps({"asset": {"version": "2.0"}, "buffers": [{"uri": "../../secret.bin", "byteLength": 4}]}),
+        "secret.bin",
+    )
     yield "no_skeleton.glb", glb(json.dumps({"asset": {"version": "2.0"}, "scenes": [{"nodes": []}]})), ""
 
     def cycle(document):
@@ -321,7 +341,9 @@ def bad_characters(made):
 def test_a_motion_that_cannot_be_used(made, tmp_path, command, number):
     name, content, words = list(bad_motions(made))[number]
     (tmp_path / name).write_text(content)
-    line = refused(command, [words, name.split(".")[0]], "run", tmp_path / name, made / "heavy.glb", "-o", tmp_path / "out.glb")
+    line = refused(
+        command, [words, name.split(".")[0]], "run", tmp_path / name, made / "heavy.glb", "-o", tmp_path / "out.glb"
+    )
     assert len(line) < 700
     assert not (tmp_path / "out.glb").exists()
 
@@ -362,7 +384,12 @@ def test_options_that_cannot_be(made, tmp_path, command, words, options):
 
 def test_outputs_that_cannot_be(made, tmp_path, command):
     (tmp_path / "file").write_text("")
-    for words, output in ((".txt", "out.txt"), ("does not exist", "no/out.glb"), ("is a file", "file"), ("is a file", "file/deeper")):
+    for words, output in (
+        (".txt", "out.txt"),
+        ("does not exist", "no/out.glb"),
+        ("is a file", "file"),
+        ("is a file", "file/deeper"),
+    ):
         refused(command, words, "run", made / "walk.bvh", made / "heavy.glb", "-o", tmp_path / output)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
@@ -371,12 +398,30 @@ def test_two_results_never_share_a_name(made, tmp_path, command):
     other = tmp_path / "other"
     other.mkdir()
     (other / "walk.bvh").write_bytes((made / "walk.bvh").read_bytes())
-    refused(command, "walk_heavy.glb", "run", made / "walk.bvh", other / "walk.bvh", made / "heavy.glb", "-o", tmp_path / "results")
+    refused(
+        command,
+        "walk_heavy.glb",
+        "run",
+        made / "walk.bvh",
+        other / "walk.bvh",
+        made / "heavy.glb",
+        "-o",
+        tmp_path / "results",
+    )
 
 
 def test_a_character_without_clips_is_no_motion(made, tmp_path, command):
     for words in ([], ["--all-clips"]):
-        refused(command, ["heavy.glb", "no animation"], "run", made / "heavy.glb", made / "two.glb", "-o", tmp_path / "out.glb", *words)
+        refused(
+            command,
+            ["heavy.glb", "no animation"],
+            "run",
+            made / "heavy.glb",
+            made / "two.glb",
+            "-o",
+            tmp_path / "out.glb",
+            *words,
+        )
 
 
 @pytest.mark.parametrize(

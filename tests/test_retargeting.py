@@ -26,7 +26,10 @@ def without(character, *names):
     new = {old: i for i, old in enumerate(keep)}
     parents = np.array([new.get(int(skeleton.parents[j]), -1) for j in keep])
     return Character(
-        Skeleton(tuple(skeleton.names[j] for j in keep), parents, skeleton.offsets[keep], skeleton.rest_rotations[keep]), name="part"
+        Skeleton(
+            tuple(skeleton.names[j] for j in keep), parents, skeleton.offsets[keep], skeleton.rest_rotations[keep]
+        ),
+        name="part",
     )
 
 
@@ -42,7 +45,9 @@ def files(tmp_path_factory):
 def test_files_and_nouns_give_the_same(files):
     by_files = retarget(files / "walk.bvh", files / "heavy.glb", foot_lock=False)
     by_nouns = retarget(walk(), body("heavy"), foot_lock=False)
-    order = [by_files.motion.skeleton.index(name) for name in body().skeleton.names]  # the file lists its joints in its own order
+    order = [
+        by_files.motion.skeleton.index(name) for name in body().skeleton.names
+    ]  # the file lists its joints in its own order
     gap = np.abs(world_pose(by_files.motion)[1][:, order] - world_pose(by_nouns.motion)[1])
     assert gap.max() < 1e-4
     assert by_files.status == "ok" and by_files.motion.fps == 30.0
@@ -123,7 +128,11 @@ def test_a_map_without_a_needed_joint_names_it(lost):
 
 
 def test_a_map_may_leave_out_spine_neck_toes_and_fingers():
-    needed = ("hips", "head", *(s + p for s in ("left", "right") for p in "UpperLeg LowerLeg Foot UpperArm LowerArm Hand".split()))
+    needed = (
+        "hips",
+        "head",
+        *(s + p for s in ("left", "right") for p in "UpperLeg LowerLeg Foot UpperArm LowerArm Hand".split()),
+    )
     target = cast(body("heavy"), Hints(joints={name: name for name in needed}))
     result = prepare(actor(), target)(walk()).motion
     assert np.isfinite(result.rotations).all()
@@ -167,6 +176,8 @@ def test_a_new_method_is_one_entry(monkeypatch):
 
 
 def test_bodies_of_any_size_are_in_the_house():
-    small = retarget(walk(), scaled(body(), 0.01), target_hints=Hints(unit=1.0, joints={n: n for n in body().skeleton.names}))
+    small = retarget(
+        walk(), scaled(body(), 0.01), target_hints=Hints(unit=1.0, joints={n: n for n in body().skeleton.names})
+    )
     path = world_pose(small.motion)[1][:, 0, 2]
     assert np.ptp(path) == pytest.approx(0.01 * np.ptp(walk().translations[:, 0, 2]), rel=0.01)

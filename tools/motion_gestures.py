@@ -7,7 +7,7 @@ from motion_body import SIDES, SIGN, Performer
 from motion_clip import Clip
 from motion_hands import Hold
 from motion_pose import ARM, Channels, arm
-from motion_reach import Times, reach, solve_places
+from motion_reach import Times, keep_out, reach, solve_places
 from motion_steps import Stand, feet_apart, keep_within_reach, lay_soles, place_feet
 from motion_time import FPS, bump, clock, ease, keyed
 from motion_walk import Gait, live, stand_height, walk_body, walk_steps
@@ -181,7 +181,7 @@ def clap(performer: Performer) -> Clip:
             side, ("PalmHeel", "IndexBase", "LittleBase", "MiddlePad") if meets else (), ("rightHand",) if meets else (),
             {"MiddleBase": {"rightMiddleBase": 1.0}} if meets else {"MiddleBase": {"chest": 0.6, "navel": 0.4}},
             fingers=(-sign * 0.12, 0.62 if meets else 0.5, 0.8), palm=(-sign, 0.0, -0.1), away=(sign * 0.8, -0.1 * sign, -0.15),
-            shift=(0.035, 0.0, 0.0) if meets else (-0.01, 0.05, 0.26), pull=0.1 if meets else 0.3, aim=0.06, stiff_fingers=30.0,
+            shift=(0.035, 0.0, 0.0) if meets else (-0.01, 0.05, 0.26), pull=0.1 if meets else 0.3, aim=0.06, stiff_girdle=2.0, stiff_fingers=30.0,
         ))  # fmt: skip
         guesses.append(arm(flex=30, abduct=0, internal=30, elbow=88, pronate=4, wrist=-20, index=-4, middle=-6, ring=-6, little=-4, thumb=0, adduct=12, oppose=-8))
     frame = int(round(beats[1] * FPS))
@@ -246,6 +246,8 @@ def demo(performer: Performer) -> Clip:
     act.trunk[:, 1] -= rad(5) * twist
     act.look += rad([-12, 5, -2]) * (twist * (1 - ease(t, shoulder[2] - 0.4, shoulder[2])))[:, None]
     stand_firm(performer, act, planted)
+    for side in SIDES:
+        keep_out(performer, act, side, 0.0, done)
     for side in SIDES:
         touch(performer, act, t, hip_hold(side), hips[side])
     touch(performer, act, t, shoulder_hold("left"), shoulder, 0.08)

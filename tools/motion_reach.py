@@ -27,26 +27,32 @@ def solve_places(
 
     With `together` the guesses are taken for places already, from which all arms move at once.
     """
-    before = {hold.side: act.arms[hold.side][frame].copy() for hold in holds}
+    own = {hold.side: act.arms[hold.side][frame].copy() for hold in holds}
     for hold, guess in zip(holds, guesses, strict=True):
         act.arms[hold.side][frame] = guess
-    for k, (hold, guess) in enumerate(zip(holds, guesses, strict=True)):
-        alone = replace(hold, clear=(*hold.clear, *(later.side for later in holds[k + 1 :])))
-        if not together:
-            act.arms[hold.side][frame] = settle(arm_problem(performer, act, frame, [alone]), guess)
-    contact = np.concatenate([act.arms[hold.side][frame] for hold in holds])
-    for side, angles in before.items():
-        act.arms[side][frame] = angles
+    if not together:
+        for hold, guess in zip(_one_by_one(holds), guesses, strict=True):
+            act.arms[hold.side][frame] = settle(arm_problem(performer, act, frame, [hold]), guess)
     problem = arm_problem(performer, act, frame, holds)
+    contact = np.concatenate([act.arms[hold.side][frame] for hold in holds])
     if len(holds) > 1:
         contact = problem.solve(contact, rounds=90 if together else 35)
-    contact = polish(problem, contact, aim=0.0 if together else 0.3)
-    off = arm_problem(performer, act, frame, holds, lift).solve(contact, rounds=25)
-    contacts, hovers = np.split(contact, len(holds)), np.split(off, len(holds))
-    fingers = ARM.index("adduct")
-    for hold, hover in zip(holds, hovers, strict=True):
-        hover[fingers:] = 0.5 * (hover + act.arms[hold.side][frame])[fingers:]
+    contacts = np.split(polish(problem, contact, aim=0.0 if together else 0.3), len(holds))
+    for hold, angles in zip(holds, contacts, strict=True):
+        act.arms[hold.side][frame] = angles
+    hovers, fingers = [], ARM.index("adduct")
+    for hold, angles in zip(_one_by_one(holds), contacts, strict=True):
+        hover = arm_problem(performer, act, frame, [hold], lift).solve(angles, rounds=30)
+        hover[fingers:] = 0.5 * (hover + own[hold.side])[fingers:]
+        hovers.append(hover)
+    for side, angles in own.items():
+        act.arms[side][frame] = angles
     return contacts, hovers
+
+
+def _one_by_one(holds: Sequence[Hold]) -> list[Hold]:
+    """Each hold without heed of those that come after it."""
+    return [replace(hold, clear=(*hold.clear, *(later.side for later in holds[k + 1 :]))) for k, hold in enumerate(holds)]
 
 
 def reach(
@@ -68,10 +74,13 @@ def reach(
         own = ease(when, start, comes - 0.25 * close) * (1 - ease(when, goes + 0.25 * close, end))
         path = hover + (contact - hover) * near
         act.arms[hold.side] = act.arms[hold.side] * (1 - own) + path * own
-    keep_hold(performer, act, holds, arrive + 0.05, leave - 0.02, aim=0.0 if together else 0.3)
+    aim = 0.0 if together else 0.3
+    keep_hold(performer, act, holds, arrive + 0.05, leave - 0.02, aim=aim)
     for hold in holds:
         keep_out(performer, act, hold.side, min(each[0] for each in times), arrive, hold.clear)
         keep_out(performer, act, hold.side, leave, max(each[3] for each in times), hold.clear)
+    if together:  # arms that lie on each other: what bent the way of one has moved the hold of both
+        keep_hold(performer, act, holds, arrive + 0.05, leave - 0.02, aim=aim)
 
 
 def sunk(performer: Performer, act: Channels, side: str, frames: Array, clear: Sequence[str] = ()) -> Array:

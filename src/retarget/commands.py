@@ -14,6 +14,7 @@ from retarget.character import Motion
 from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import MOTION_SUFFIXES, check_output, load
 from retarget.io.asset import Asset
+from retarget.io.whole_file import written_whole
 from retarget.methods import Result, save_results
 from retarget.motion.filter import cut, resample
 from retarget.retargeting import Hints, Production, cast, prepare
@@ -350,7 +351,6 @@ def run_bench(name: str, quick: bool, json_file: Path | None) -> dict[str, Any]:
         raise FileError(json_file, f"the folder {json_file.parent} does not exist")
     report = load_bench(name).run(quick=quick)
     if json_file is not None:
-        temporary = json_file.with_name(json_file.name + ".part")
-        temporary.write_text(json.dumps({key: value for key, value in report.items() if key != "lines"}, indent=1))
-        temporary.replace(json_file)
+        with written_whole(json_file) as file:
+            file.write(json.dumps({key: value for key, value in report.items() if key != "lines"}, indent=1).encode())
     return report

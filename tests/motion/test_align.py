@@ -1,5 +1,7 @@
 """Into the house's space and back: units, up axes, turns and scales."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_motions import body, cast_by_names, stand, walk
@@ -27,9 +29,14 @@ def actor_of(character, convention=None, motion=None, **hints):
     )
 
 
+def make_on(skeleton, motion):
+    """The same rotations over another skeleton."""
+    return replace(motion, skeleton=skeleton)
+
+
 def lying(motion):
     """The motion on its back: the whole world tipped, in a file that still is +Y up."""
-    return Z_UP.inverse().motion(motion)
+    return make_on(motion.skeleton, Z_UP.inverse().motion(motion))
 
 
 def test_a_similarity_moves_joints_and_surface_alike():
@@ -91,14 +98,9 @@ def test_a_rest_pose_that_lies_is_put_right_by_how_the_body_stands():
     assert np.allclose(axis, standing) and "average" in why
 
 
-def make_on(skeleton, motion):
-    from dataclasses import replace
-
-    return replace(motion, skeleton=skeleton)
-
-
 def test_a_clip_that_lies_does_not_tip_a_file_that_says_where_up_is():
     motion = lying(stand())
+    assert not np.allclose(infer_up(humanoid(body()), motion)[0], [0, 1, 0]), "a silent file would be turned"
     actor = actor_of(body(), Convention(1.0, "+y"), motion)
     assert np.allclose(actor.house_from_file.rotation, rot.IDENTITY)
     assert not [note for note in actor.notes if "up axis" in note]

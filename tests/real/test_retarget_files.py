@@ -51,7 +51,9 @@ def measure(source, motion, person):
     joints = list(person.humanoid.joints.values())
     from_hips = np.linalg.norm(places[:, joints] - places[:, person.humanoid.joints["hips"], None], axis=-1)
     assert from_hips.max() < 1.2 * person.height, "no joint flies off"
-    assert places[:, joints, 1].min() > -0.3 * person.height + min(0.0, source_lowest(source, motion) * held.stats["scale"])
+    assert places[:, joints, 1].min() > -0.3 * person.height + min(
+        0.0, source_lowest(source, motion) * held.stats["scale"]
+    )
     touching = ground_contacts(feet(source, motion), motion.fps, leg_length(source.skeleton, source.humanoid)).touching
     slides = foot_slide_cm(feet(person, held.motion), touching, person.height)
     assert not len(slides) or slides.mean() < 1.0

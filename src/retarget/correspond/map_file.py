@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
 from retarget.character import Skeleton
 from retarget.correspond.joints import HUMANOID_JOINTS, Humanoid
 from retarget.errors import FileError, unknown_name
+from retarget.io.whole_file import written_whole
 
 TABLES = ("source", "target")
 
@@ -67,14 +67,8 @@ def write_map(
                 lines.append(f"{canonical:<{width}} = {name}  # {humanoid.confidence[canonical]:.2f}")
             elif canonical in source.joints or canonical in target.joints:
                 lines.append(f'# {canonical} = ""')
-    draft = path.with_name(path.name + ".part")
-    try:
-        draft.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        os.replace(draft, path)
-    except OSError as error:
-        if draft.parent.is_dir():
-            draft.unlink(missing_ok=True)
-        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+    with written_whole(path) as file:
+        file.write(("\n".join(lines) + "\n").encode())
 
 
 def quoted(text: str) -> str:

@@ -35,6 +35,10 @@ LIKELY_HEIGHT = (0.5, 2.6)
 TYPICAL_HEIGHT = 1.7
 LEAST_STANCE = 0.4
 """Seconds that a foot must stand in all before its motion tells how its sole lies."""
+FLOOR_FRAMES = 200
+"""Frames of a clip that are looked at, about, to tell the up axis by its floor."""
+ORIGIN_ON_FLOOR = 0.3
+"""How much a floor away from zero counts against an up axis, against as much wandering of the lowest joint."""
 SOLE_TILT = (np.radians(10), np.radians(40))
 """Tilts of a standing sole, against its rest pose, that are believed: less is noise, more is no standing."""
 
@@ -138,7 +142,8 @@ def infer_up(humanoid: Humanoid, motion: Motion | None) -> tuple[Float[Array, "3
     """The world's up axis: the signed axis nearest to where the body's own up points.
 
     The rest pose may lie down (some exporters turn the whole body in its first rotation), so the mean direction over
-    the motion decides where it is steady; a tumbling motion falls back on the rest pose.
+    the motion decides where it is steady and shows a floor; a tumbling motion, and one that crawls or lies throughout,
+    falls back on the rest pose.
     """
     up, source = humanoid.axes[1], "the rest pose stands that way"
     if motion is not None and len(motion):
@@ -152,9 +157,36 @@ def infer_up(humanoid: Humanoid, motion: Motion | None) -> tuple[Float[Array, "3
             world = rot.multiply(world, motion.rotations[:, joint])
         mean = rot.rotate(rot.multiply(world, rot.inverse(at_rest[hips])), up).mean(axis=0)
         if np.linalg.norm(mean) > 0.75 and np.abs(mean).max() > 0.8 * np.linalg.norm(mean):
-            up, source = mean, "the body stands that way on average"
-    nearest = int(np.argmax(np.abs(up)))
-    return np.sign(up[nearest]) * np.eye(3)[nearest], source
+            standing, lying = _nearest_axis(mean), _nearest_axis(up)
+            if np.array_equal(standing, lying) or _has_floor(motion, humanoid, standing, lying):
+                return standing, "the body stands that way on average"
+            source = "the rest pose stands that way, and what moves lowest keeps to one height"
+    return _nearest_axis(up), source
+
+
+def _nearest_axis(direction: Float[Array, "3"]) -> Float[Array, "3"]:
+    """The signed coordinate axis nearest to a direction."""
+    nearest = int(np.argmax(np.abs(direction)))
+    return np.sign(direction[nearest]) * np.eye(3)[nearest]
+
+
+def _has_floor(motion: Motion, humanoid: Humanoid, axis: Float[Array, "3"], other: Float[Array, "3"]) -> bool:
+    """Whether the motion keeps to a floor along `axis` at least as well as along `other`.
+
+    A body that crawls or lies from first to last is upright along the wrong axis on average. But its lowest joint then
+    wanders along that axis, while along the true one it keeps to one height, which is near zero in most files.
+    """
+    some = slice(None, None, max(1, len(motion) // FLOOR_FRAMES))
+    few = replace(motion, rotations=motion.rotations[some], translations=motion.translations[some])
+    _, positions = world_pose(few)
+    leg = leg_length(motion.skeleton, humanoid)
+
+    def doubt(up: Array) -> float:
+        lowest = (positions @ up).min(axis=1) / max(leg, 1e-12)
+        low, middle, high = np.percentile(lowest, (10, 50, 90))
+        return float(high - low + ORIGIN_ON_FLOOR * min(abs(middle), 1.0))
+
+    return doubt(axis) <= doubt(other)
 
 
 def infer_unit(height: float) -> tuple[float, str]:

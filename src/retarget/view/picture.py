@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped, UInt8
 
 from retarget.character import Mesh
-from retarget.errors import FileError, RetargetError, unknown_name
+from retarget.errors import RetargetError, unknown_name
+from retarget.io.whole_file import written_whole
 from retarget.view.bones import skeleton_mesh
 from retarget.view.camera import AZIMUTHS, Camera
 from retarget.view.ground import BACKGROUND
@@ -126,24 +125,8 @@ def save_png(path: str | Path, image: UInt8[Array, "height width 3"]) -> None:
     """Write a picture; the file appears complete or not at all. Raises `FileError` where it cannot be written."""
     from PIL import Image
 
-    path = Path(path)
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".png", dir=path.parent)
-    except OSError as error:
-        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
-    try:
-        with os.fdopen(handle, "wb") as file:
-            Image.fromarray(image).save(file, format="PNG", compress_level=4)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)  # temporary files are private, pictures are not
-        os.replace(temporary, path)
-    except OSError as error:
-        Path(temporary).unlink(missing_ok=True)
-        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with written_whole(path) as file:
+        Image.fromarray(image).save(file, format="PNG", compress_level=4)
 
 
 @dataclass(frozen=True, eq=False)
