@@ -7,7 +7,7 @@ characters. All others are only reported.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +15,9 @@ import numpy as np
 from jaxtyping import Float
 
 from retarget.body import rotations as rot
+from retarget.body.human import human_model
 from retarget.body.kinematics import local_rotations, rest_pose
+from retarget.body.skinning import rest_vertices
 from retarget.character import Character, Skeleton
 from retarget.motion.align import Actor
 from retarget.motion.anatomy import rest_frames
@@ -116,15 +118,19 @@ def orientation_markers(actor: Actor) -> dict[str, tuple[int, Float[Array, "3"]]
         if first is not None and last is not None:
             normal = np.cross(places[first] - places[hand], places[last] - places[hand])
             note(f"{side}Palm", hand, normal if side == "left" else -normal)
+    if "leftEye" in joints and "rightEye" in joints:
+        note("eyes", joints["head"], places[joints["leftEye"]] - places[joints["rightEye"]])
     if actor.character.skin is not None:
-        _surface_markers(actor, note)
+        surface = rest_vertices(actor.character)
+        _sole_markers(actor, surface, note)
+        if np.array_equal(actor.character.mesh.faces, human_model().faces):
+            nose, nape = (human_model().landmark(name) for name in ("nose", "backOfHead"))
+            note("face", joints["head"], surface[nose] - surface[nape])
     return found
 
 
-def _surface_markers(actor: Actor, note) -> None:
-    from retarget.body.skinning import rest_vertices
-
-    surface, skin = rest_vertices(actor.character), actor.character.skin
+def _sole_markers(actor: Actor, surface: Float[Array, "vertices 3"], note: Callable[[str, int, Array], None]) -> None:
+    skin = actor.character.skin
     lead = skin.joints[np.take_along_axis(skin.columns, skin.weights.argmax(1)[:, None], 1)[:, 0]]
     for side in ("left", "right"):
         own = [actor.humanoid.joints.get(f"{side}{part}") for part in ("Foot", "Toes")]
