@@ -148,7 +148,7 @@ def keep_hold(performer: Performer, act: Channels, holds: Sequence[Hold], start:
         delta = solved - angles[middle]
         for frame in order:
             here = replace(arm_problem(performer, act, frame, holds), meets=anchors, aims=())
-            delta = here.solve(angles[frame] + delta, guess=angles[frame] + delta, rounds=5) - angles[frame]
+            delta = here.solve(angles[frame] + delta, guess=angles[frame] + delta, rounds=7) - angles[frame]
             correction[frame - first] = delta
     frames = np.arange(act.frames)
     widened = gaussian(correction[np.clip(frames - first, 0, len(correction) - 1)], 1.0)

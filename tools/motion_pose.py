@@ -37,8 +37,11 @@ SPINE = {"spine": 0.3, "chest": 0.4, "upperChest": 0.3}
 
 def arm(**degrees: float) -> Array:
     """The angles (17,) of an arm, radians, from degrees by name; what is not named is as in a hanging arm."""
+    unknown = set(degrees) - set(ARM)
+    if unknown:
+        raise KeyError(f"an arm has no angle {sorted(unknown)[0]!r}; it has {', '.join(ARM)}")
     values = RELAXED | degrees
-    return np.radians([values.pop(name, 0.0) for name in ARM] if set(values) <= set(ARM) else [values[name] for name in ARM])
+    return np.radians([values.get(name, 0.0) for name in ARM])
 
 
 @dataclass

@@ -76,11 +76,17 @@ def reach(
         act.arms[hold.side] = act.arms[hold.side] * (1 - own) + path * own
     aim = 0.0 if together else 0.3
     keep_hold(performer, act, holds, arrive + 0.05, leave - 0.02, aim=aim)
+    _come_and_go(performer, act, holds, times, arrive, leave)
+    if together:  # arms that lie on each other: what bent the way of one has moved the hold of both
+        keep_hold(performer, act, holds, arrive + 0.05, leave - 0.02, aim=aim)
+        _come_and_go(performer, act, holds, times, arrive - 0.1, leave + 0.1)
+
+
+def _come_and_go(performer: Performer, act: Channels, holds: Sequence[Hold], times: Sequence[Times], arrive: float, leave: float) -> None:
+    """Keep arms out of the body on their way to the contact and back."""
     for hold in holds:
         keep_out(performer, act, hold.side, min(each[0] for each in times), arrive, hold.clear)
         keep_out(performer, act, hold.side, leave, max(each[3] for each in times), hold.clear)
-    if together:  # arms that lie on each other: what bent the way of one has moved the hold of both
-        keep_hold(performer, act, holds, arrive + 0.05, leave - 0.02, aim=aim)
 
 
 def sunk(performer: Performer, act: Channels, side: str, frames: Array, clear: Sequence[str] = ()) -> Array:

@@ -122,7 +122,7 @@ class Apart:
     vertices: Array
     faces: Array
     margin: float = 0.0
-    weight: float = 3.0
+    weight: float = 5.0
     depth: float = 0.035
     """Metres: deeper points are taken for lying on the far side, not for sunk in."""
 

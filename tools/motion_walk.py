@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from motion_body import SIDES, SIGN, Performer
-from motion_pose import ARM, Channels, arm, leg_reach
+from motion_pose import ARM, Channels, leg_reach
 from motion_steps import Stand, Step
 from motion_time import breath, ease, keyed, sway
 from scipy.interpolate import PchipInterpolator
@@ -94,11 +94,10 @@ def walk_body(performer: Performer, act: Channels, t: Array, start: dict[str, St
     heights += [(k[0] + (0.02 if k[2] else 0.035), top - gait.crouch - (0.0 if k[2] else gait.dip)) for k in keys[:-1]]
     heights += [(end + 0.1, top - 0.8 * gait.crouch), (end + 0.45, top), (t[-1] + 2, top)]
     act.hips[:, 1] = keyed(t, heights, soft=1.8)
-    amount = ease(t, begin - 0.1, begin + 0.7) * (1 - ease(t, end - 0.45, end + 0.35))
+    amount = ease(t, begin - 0.2, begin + 0.6) * (1 - ease(t, end - 0.45, end + 0.35))
     stride = _stride(t, steps)
-    cosine, sine = np.cos(stride), np.sin(stride)
     rad = np.radians
-    act.turn[:, 0] = -rad(gait.pelvis_yaw) * amount * cosine
+    act.turn[:, 0] = -rad(gait.pelvis_yaw) * amount * np.cos(stride)
     act.turn[:, 1] = amount * rad(gait.lean * 0.5 + 0.9 * np.cos(2 * stride + 0.6))
     act.turn[:, 2] = rad(gait.pelvis_drop) * amount * np.sin(stride + 0.25)
     act.trunk[:, 0] = amount * rad(gait.lean * 0.6 - 1.0 * np.cos(2 * stride + 0.2))
@@ -106,8 +105,9 @@ def walk_body(performer: Performer, act: Channels, t: Array, start: dict[str, St
     act.trunk[:, 2] = -0.85 * rad(gait.pelvis_drop) * amount * np.sin(stride + 0.1)
     act.look += np.stack([0.12 * act.trunk[:, 1], rad(2.0) * amount + rad(0.6) * amount * np.cos(2 * stride), -0.15 * act.turn[:, 2]], axis=-1)
     for s in SIDES:
+        # Arms make room for the thighs before the first step.
+        act.arms[s][:, ARM.index("abduct")] += rad(5) * ease(t, begin - 0.5, begin + 0.05) * (1 - ease(t, end, end + 0.5))
         _swing_arm(act, s, amount, stride, gait)
-    del sine
     return amount
 
 
@@ -120,7 +120,7 @@ def _swing_arm(act: Channels, side: str, amount: Array, stride: Array, gait: Gai
     angles, rad = act.arms[side], np.radians
     shade = 1.0 if side == "left" else 0.9  # nobody swings both arms alike
     add = dict(
-        flex=gait.arm_swing * shade * (forth + 0.12), elbow=gait.elbow_swing * shade * (late + 0.8), abduct=-1.5 * forth + 4.0,
+        flex=gait.arm_swing * shade * (forth + 0.12), elbow=gait.elbow_swing * shade * (late + 0.8), abduct=-1.5 * forth,
         internal=3.0 * forth - 4.0, forward=2.2 * forth, wrist=-3.5 * later, pronate=4.0 * late + 4.0, index=3 * later, middle=3 * later,
         ring=4 * later, little=4 * later,
     )  # fmt: skip
@@ -161,6 +161,3 @@ def live(act: Channels, t: Array, seed: int, amount: Array | float = 1.0) -> Non
         for name, degrees in (("flex", 0.8), ("abduct", 0.5), ("internal", 0.8), ("elbow", 1.0), ("pronate", 1.2), ("wrist", 0.9)):
             angles[:, ARM.index(name)] += amount * rad(degrees) * sway(t, own, 3.2)
             own += 1
-
-
-__all__ = ["Gait", "arm", "live", "stand_height", "support_keys", "walk_body", "walk_steps"]

@@ -119,9 +119,10 @@ def run(
     """Put motions on a character: `retarget run dance.bvh knight.glb -o knight_dance.glb`."""
     _listen(verbose)
     from retarget.commands import Order, run_order
+    from retarget.errors import RetargetError
 
     if len(inputs) < 2:
-        raise typer.BadParameter("give at least one motion and, last, the character", param_hint="inputs")
+        raise RetargetError(f"give at least one motion and, last, the character; received only {inputs[0]}")
     order = Order(
         motions=tuple(inputs[:-1]), target=inputs[-1], output=output, clip=clip, all_clips=all_clips, start=start, end=end,
         fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock}, animation_only=animation_only,

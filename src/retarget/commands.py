@@ -46,7 +46,7 @@ class Order:
 
 def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     """Retarget every motion onto the target and write the results."""
-    files = list(_motion_files(order.motions))
+    files = [file for file in _motion_files(order.motions) if not _is_target_in_folder(file, order)]
     one_file_each = order.output.is_dir() or not order.output.suffix
     names = _result_files(files, order) if one_file_each else []
     if not one_file_each:
@@ -112,6 +112,11 @@ def _motion_files(inputs: tuple[Path, ...]) -> Iterator[Path]:
             yield from found
         else:
             yield path
+
+
+def _is_target_in_folder(file: Path, order: Order) -> bool:
+    """A folder of motions may hold the character as well; named by itself it is a motion like any other."""
+    return file not in order.motions and file.resolve() == order.target.resolve()
 
 
 def _hints(order: Order) -> tuple[Hints, Hints]:

@@ -27,6 +27,9 @@ HEIGHT = 0.045 / 0.9
 """Leg lengths above its support at which a point can still rest (soft soles, noise of captured feet)."""
 SNAP = 0.04 / 0.9
 """Supports closer than this to the floor are the floor."""
+HAND = 0.25
+"""Leg lengths by which the palm of a body without fingers can be misplaced: what hands show up to so much below the floor
+of the feet is that floor."""
 SLIDE_WINDOW = 0.3
 """Seconds. A point that strays on both sides of this is sliding, however slowly."""
 SLIDE = 0.03 / 0.9
@@ -123,16 +126,30 @@ def floor_height(
     return float(np.median(near)) if len(near) >= 3 else float(np.percentile(lowest, 2))
 
 
-def ground_contacts(points: Float[Array, "frames points 3"], fps: float, leg_length: float) -> GroundContacts:
+def ground_contacts(
+    points: Float[Array, "frames points 3"],
+    fps: float,
+    leg_length: float,
+    feet: int | None = None,
+    body: Float[Array, "frames joints 3"] | None = None,
+) -> GroundContacts:
     """Find when each point rests on the floor, or on something higher that carries the body (a stair, a box).
 
     A point that is slow and near the floor rests. A point that is slow higher up rests only if, at some time of that
     stillness, nothing lower carries the body: so a foot held in the air beside a standing leg does not count.
+
+    The first `feet` points are of feet and tell the floor better than the others (None: all points are alike). `body`
+    are places of other joints (knees, elbows, hips ...), which the floor does not cover: who crawls rests on them.
     """
     speed = speeds(points, fps) / leg_length
     peak = _running_maximum(speed, int(round(PEAK_WINDOW * fps)))
     slow = speed < np.maximum(ENTER_SPEED, ENTER_SHARE * peak)
     floor = floor_height(points, slow, leg_length)
+    if feet is not None:
+        of_feet = floor_height(points[:, :feet], slow[:, :feet], leg_length)
+        floor = of_feet if of_feet - floor < HAND * leg_length else floor
+    if body is not None:
+        floor = min(floor, float(np.percentile(body[..., 1].min(axis=1), 10)))
     height = points[..., 1] - floor
     still = hysteresis(slow, speed < np.maximum(LEAVE_SPEED, LEAVE_SHARE * peak))
     low = height < HEIGHT * leg_length
@@ -143,9 +160,11 @@ def ground_contacts(points: Float[Array, "frames points 3"], fps: float, leg_len
     touching = np.stack([_without_short_runs(run, least) for run in (still & low).T], axis=1)
     support = np.full(points.shape[:2], floor)
     for point in range(points.shape[1]):
+        hand = feet is not None and point >= feet
+        deepest = floor - (HAND if hand else SNAP) * leg_length
         for start, stop in intervals(touching[:, point]):
             level = float(np.median(points[start:stop, point, 1]))
-            support[start:stop, point] = floor if abs(level - floor) < SNAP * leg_length else level
+            support[start:stop, point] = floor if deepest < level < floor + SNAP * leg_length else level
     carried = touching.any(axis=1)
     for point in range(points.shape[1]):
         for start, stop in intervals(_without_short_runs(raised[:, point], least)):

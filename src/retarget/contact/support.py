@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +19,13 @@ Array = np.ndarray
 SOLE_BELOW_TOE_JOINT = 0.02
 HEEL_BEHIND_ANKLE = 0.055
 FOOT_LENGTH = 0.16
+STANDS = np.cos(np.radians(45))
+"""A body whose up direction is within 45 degrees of the vertical stands at rest."""
+
+BODY_JOINTS = ("hips", "head") + tuple(
+    f"{side}{part}" for side in ("left", "right") for part in ("LowerLeg", "LowerArm", "UpperArm")
+)
+"""What a body lies, sits, kneels or crawls on, besides its feet and hands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +56,14 @@ def leg_length(skeleton: Skeleton, humanoid: Humanoid) -> float:
 
 
 def support_limbs(character: Character, humanoid: Humanoid) -> tuple[SupportLimb, ...]:
-    """Both legs, then both arms. The body must be in metres with +Y up."""
+    """Both legs, then both arms. The body must be in metres with +Y up; where its rest pose lies, it is stood up."""
     skeleton, joints = character.skeleton, humanoid.joints
     rotations, rest = rest_pose(skeleton)
     surface = rest_vertices(character) if character.skin is not None else None
+    upright = stand_up(humanoid)
+    rotations, rest = rot.multiply(upright, rotations), rot.rotate(upright, rest)
+    surface = None if surface is None else rot.rotate(upright, surface)
+    humanoid = replace(humanoid, axes=rot.rotate(upright, humanoid.axes))
     limbs = []
     for side in ("left", "right"):
         chain = tuple(joints[f"{side}{part}"] for part in ("UpperLeg", "LowerLeg", "Foot"))
@@ -69,6 +80,12 @@ def support_limbs(character: Character, humanoid: Humanoid) -> tuple[SupportLimb
             SupportLimb(f"{side}Arm", chain, rot.rotate(rot.inverse(rotations[wrist]), palm - rest[wrist])[None])
         )
     return tuple(limbs)
+
+
+def stand_up(humanoid: Humanoid) -> Float[Array, "4"]:
+    """The turn that stands up a body whose rest pose lies; none where it stands, whatever its lean."""
+    up = humanoid.axes[1]
+    return rot.IDENTITY if up[1] > STANDS else rot.swing_between(up, np.array([0.0, 1.0, 0.0]))
 
 
 def _foot_points(

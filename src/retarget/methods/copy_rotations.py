@@ -17,7 +17,7 @@ from retarget.body import rotations as rot
 from retarget.body.kinematics import forward, local_positions, local_rotations, rest_pose, world_pose
 from retarget.character import Motion, Pose
 from retarget.contact.ground import GroundContacts, ground_contacts
-from retarget.contact.support import SupportLimb, descendants, leg_length, support_limbs, support_points
+from retarget.contact.support import BODY_JOINTS, SupportLimb, descendants, leg_length, stand_up, support_limbs, support_points
 from retarget.errors import RetargetError
 from retarget.methods.base import LAWS, Method, Result, Retargeter
 from retarget.motion.align import Actor, same_skeleton
@@ -31,6 +31,8 @@ Array = np.ndarray
 
 LEGS = 2
 """The first two support limbs are the legs."""
+LOW = 0.15
+"""Leg lengths over the floor below which a hip, knee, elbow or shoulder joint, or the head, carries the body."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,14 @@ class CopyRotations(Method):
 
 def _sole_height(actor: Actor, limbs: tuple[SupportLimb, ...]) -> float:
     rotations, positions = rest_pose(actor.skeleton)
-    legs = support_points(limbs[:2], rotations[None], positions[None])
+    upright = stand_up(actor.humanoid)
+    legs = support_points(limbs[:2], rot.multiply(upright, rotations)[None], rot.rotate(upright, positions)[None])
     return float(min(points[..., 1].min() for points in legs))
+
+
+def _body(actor: Actor, positions: Float[Array, "frames joints 3"]) -> Float[Array, "frames carriers 3"]:
+    """Where the joints are that a body rests on besides feet and hands."""
+    return positions[:, [actor.humanoid.joints[name] for name in BODY_JOINTS]]
 
 
 def _rest_floor(sole: float, hip_height: float) -> float:
@@ -118,7 +126,8 @@ class PreparedCopy(Retargeter):
         if contacts is not None:
             stats["contact_frames"] = int(contacts.touching.any(axis=1).sum())
         if contacts is not None and contacts.touching.any():
-            world, hips = self._hold(world, placed, hips, contacts, source_floor, motion.fps)
+            body = (_body(self.source, positions)[..., 1] - source_floor) * self.plan.scale
+            world, hips = self._hold(world, placed, hips, contacts, body, source_floor, motion.fps)
         if self.settings.in_place:
             hips = hips * [0, 1, 0] + hips[0] * [1, 0, 1]
         return Result(self.target, self._motion(world, hips, motion), stats=stats)
@@ -138,8 +147,11 @@ class PreparedCopy(Retargeter):
         return result.pose(0)
 
     def _contacts(self, rotations: Array, positions: Array, fps: float) -> GroundContacts:
-        points = np.concatenate(support_points(self.source_limbs, rotations, positions), axis=1)
-        return ground_contacts(points, fps, leg_length(self.source.skeleton, self.source.humanoid))
+        points = support_points(self.source_limbs, rotations, positions)
+        feet = sum(path.shape[1] for path in points[:LEGS])
+        leg = leg_length(self.source.skeleton, self.source.humanoid)
+        body = _body(self.source, positions)
+        return ground_contacts(np.concatenate(points, axis=1), fps, leg, feet, body)
 
     def _copy(
         self,
@@ -164,8 +176,16 @@ class PreparedCopy(Retargeter):
         return world, sockets - middle
 
     def _hold(
-        self, world: Array, placed: Array, hips: Array, contacts: GroundContacts, source_floor: float, fps: float
+        self,
+        world: Array,
+        placed: Array,
+        hips: Array,
+        contacts: GroundContacts,
+        body: Float[Array, "frames joints"],
+        source_floor: float,
+        fps: float,
     ) -> tuple[Array, Array]:
+        """The copied pose with its contacts held. `body` is how high the source's `BODY_JOINTS` are, in the target's size."""
         counts = np.cumsum([len(limb.points) for limb in self.target_limbs])[:-1]
         touching = np.split(contacts.touching, counts, axis=1)
         support = np.split((contacts.support - source_floor) * self.plan.scale + self.floor, counts, axis=1)
@@ -177,7 +197,11 @@ class PreparedCopy(Retargeter):
         ]
         ground = [np.minimum(self.floor, heights.min(axis=1)) for heights in sources]
         leg = leg_length(self.target.skeleton, self.target.humanoid)
-        lift = body_lift(points[:LEGS], touching[:LEGS], support[:LEGS], leg, fps)[:, None] * [0.0, 1.0, 0.0]
+        carriers = list(zip(points[:LEGS], touching[:LEGS], support[:LEGS]))
+        own = _body(self.target, placed)
+        for joint, height in enumerate(body.T[..., None]):  # who lies, kneels or crawls keeps those joints on the floor
+            carriers.append((own[:, joint, None], height < LOW * leg, np.maximum(height, 0.0) + self.floor))
+        lift = body_lift(*map(list, zip(*carriers)), leg, fps)[:, None] * [0.0, 1.0, 0.0]
         placed, hips = placed + lift[:, None], hips + lift
         goals = [
             limb_goal(limb, placed[:, limb.joints[2]], path + lift[:, None], rests, level, lowest, fps)

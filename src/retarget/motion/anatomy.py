@@ -168,9 +168,11 @@ class _Body:
             normal = rot.rotate(self.rotations[self.joints[f"{side}Foot"]], self.soles[side])
             return rot.from_frame(along - (along @ normal) * normal, normal)
         heading = along - (along @ self.up) * self.up
-        if np.linalg.norm(heading) > 0.35 * np.linalg.norm(along) and heading @ self.forward > 0:
+        length = np.linalg.norm(along)
+        if np.linalg.norm(heading) > 0.35 * length and heading @ self.forward > 0 and along @ self.up < 0.5 * length:
             return rot.from_frame(heading, self.up)
-        # A foot hanging down at rest: turn it up to the usual slope of an ankle bone, 30 degrees below the horizontal.
+        # A foot hanging down at rest, or pointing up as in sitting on the ground: turn it from the usual slope
+        # of an ankle bone, 30 degrees below the horizontal.
         usual = np.cos(np.pi / 6) * self.forward - np.sin(np.pi / 6) * self.up
         turn = rot.swing_between(usual, along)
         return rot.from_frame(rot.rotate(turn, self.forward), rot.rotate(turn, self.up))

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from retarget.body import rotations as rot
 from retarget.body.kinematics import levels, rest_pose
 from retarget.character import Skeleton
-from retarget.contact.support import leg_length
+from retarget.contact.support import leg_length, stand_up
 from retarget.motion.align import Actor, same_skeleton
 from retarget.motion.anatomy import LIMBS, joint_from_frame, trunk_frame
 from retarget.motion.chains import Chain, share, trunk_and_neck
@@ -118,6 +118,7 @@ def _trunk_joint_from_frame(actor: Actor) -> Float[Array, "joints 4"]:
 def _straight_hip_height(actor: Actor, sole: float) -> float:
     """Leg length plus what lies below the ankle at rest."""
     _, rest = rest_pose(actor.skeleton)
+    rest = rot.rotate(stand_up(actor.humanoid), rest)
     ankle = np.mean([rest[actor.humanoid.joints[f"{side}Foot"], 1] for side in ("left", "right")])
     return leg_length(actor.skeleton, actor.humanoid) + float(ankle) - sole
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from retarget.body import rotations as rot
+from retarget.contact.ground import intervals
 from retarget.contact.support import SupportLimb
 from retarget.motion.filter import gaussian, upper_envelope
 from retarget.motion.ik import two_bone
@@ -48,9 +49,9 @@ class LimbGoal:
 
 
 def body_lift(
-    points: Sequence[Float[Array, "frames points 3"]],
-    touching: Sequence[Bool[Array, "frames points"]],
-    support: Sequence[Float[Array, "frames points"]],
+    points: Sequence[Float[Array, "frames _ 3"]],
+    touching: Sequence[Bool[Array, "frames _"]],
+    support: Sequence[Float[Array, "frames _"]],
     leg_length: float,
     fps: float,
 ) -> Float[Array, "frames"]:
@@ -58,7 +59,8 @@ def body_lift(
 
     What legs of other proportions are off by goes into the height of the hips first, not into the bend of the knees. Of
     two feet the lower one counts more (a soft maximum: a leg can reach down, but not push the floor away). Takes the
-    lists of the legs only. Between contacts the lift runs on linearly; it is low-passed.
+    lists of the legs, and of what else carries the body, but not of the arms. Between contacts the lift runs on
+    linearly; it is low-passed.
     """
     frames = len(points[0])
     lifts = np.full((frames, len(points)), np.nan)
@@ -106,14 +108,31 @@ def settle(
 ) -> Float[Array, "frames channels"]:
     """The smooth correction d that makes every point stand still while it rests.
 
-    Minimises  sum over resting steps |Δ(p + d)|² / g²  +  sum |Δ²d|²  +  sum over free frames |d|² / f⁴  with g the grip
-    and f the fade in frames: contact steps cost their movement, all else costs the curvature that the correction adds.
+    Minimises  sum over resting steps |Δ(p + d)|² / g²  +  sum |Δ²d|²  +  sum |d - h|² / f⁴  with g the grip and f the fade
+    in frames: contact steps cost their movement, all else costs the curvature that the correction adds. h is nothing on
+    free frames; on resting ones it leads to the place where the point rested most of the contact, so that
+    the frames of landing and leaving do not push the whole stance aside.
     """
     still = (resting[1:] & resting[:-1]).astype(float)
     step_weight = still.sum(axis=1) / (GRIP * fps) ** 2
     moved = (still[..., None] * np.diff(values, axis=0)).sum(axis=1)
     step_goal = -moved / np.maximum(still.sum(axis=1), 1)[:, None]
-    return _least_squares(np.zeros(len(values)), np.zeros((len(values), values.shape[2])), step_weight, step_goal, fps)
+    home = np.zeros((len(values), values.shape[2]))
+    count = np.maximum(resting.sum(axis=1), 1)[:, None]
+    for point in range(resting.shape[1]):
+        for start, stop in intervals(resting[:, point]):
+            path = values[start:stop, point]
+            home[start:stop] += (_rested_at(path) - path) / count[start:stop]
+    return _least_squares(np.full(len(values), (FADE * fps) ** -4), home, step_weight, step_goal)
+
+
+def _rested_at(path: Float[Array, "frames channels"]) -> Float[Array, "channels"]:
+    """The mean place of a path, its still frames counting more than its moving ones."""
+    if len(path) < 2:
+        return path[0]
+    speed = np.linalg.norm(np.gradient(path, axis=0), axis=-1)
+    share = 1 / (1 + (speed / max(speed.mean(), 1e-12)) ** 2)
+    return share @ path / share.sum()
 
 
 def _settle_height(
@@ -127,11 +146,12 @@ def _settle_height(
     need = np.where(touching, support - heights, -np.inf).max(axis=1)
     pinned = np.isfinite(need)
     lowest = heights.min(axis=1)
+    need = np.maximum(need, np.where(pinned, ground - lowest, -np.inf))  # a heel is not pushed down to set a ball
     # Free points that would sink are pinned to the ground as well; each round can only add such frames.
     for _ in range(3):
-        weight = pinned / (GRIP * fps) ** 4
+        weight = np.where(pinned, (GRIP * fps) ** -4, (FADE * fps) ** -4)
         lift = _least_squares(
-            weight, np.where(pinned, need, 0.0)[:, None], np.zeros(len(need) - 1), np.zeros((len(need) - 1, 1)), fps
+            weight, np.where(pinned, need, 0.0)[:, None], np.zeros(len(need) - 1), np.zeros((len(need) - 1, 1))
         )
         sunk = ~pinned & (lowest + lift[:, 0] < ground - 1e-4)
         if not sunk.any():
@@ -145,20 +165,16 @@ def _least_squares(
     goal: Float[Array, "frames channels"],
     step_weight: Float[Array, "steps"],
     step_goal: Float[Array, "steps channels"],
-    fps: float,
 ) -> Float[Array, "frames channels"]:
-    """Minimise  Σ weight (d - goal)² + Σ step_weight (Δd - step_goal)² + Σ (Δ²d)² + Σ fade d²  by banded Cholesky.
+    """Minimise  Σ weight (d - goal)² + Σ step_weight (Δd - step_goal)² + Σ (Δ²d)²  by banded Cholesky.
 
-    `fade` is 1 / FADE⁴ on free frames; on held ones it only keeps the matrix definite, lest long contacts creep.
+    Every weight is positive.
     """
     from scipy.linalg import solveh_banded
 
     frames = len(weight)
-    held = weight > 0
-    held[:-1] |= step_weight > 0
-    held[1:] |= step_weight > 0
     band = np.zeros((3, frames))  # lower form: diagonal, first, second below
-    band[0] = weight + np.where(held, 1e-5, 1.0) * (FADE * fps) ** -4
+    band[0] = weight
     band[0, :-1] += step_weight
     band[0, 1:] += step_weight
     band[1, :-1] -= step_weight
