@@ -27,6 +27,9 @@ FADE = 0.15
 """A displacement fades over about this time where nothing rests."""
 GRIP = 0.006
 """A point that comes to rest stands still after about this time: below a frame, so contacts hold exactly."""
+TENSION = 0.03
+"""How long, about, a correction runs on with the speed it has: a taut curve does not swing wide before and after a
+contact, at the price of some curvature."""
 LIFT_SIGMA = 0.10
 """Low-pass on the body's lift."""
 SOFTNESS = 0.02 / 0.9
@@ -108,15 +111,16 @@ def settle(
 ) -> Float[Array, "frames channels"]:
     """The smooth correction d that makes every point stand still while it rests.
 
-    Minimises  sum over resting steps |Δ(p + d)|² / g²  +  sum |Δ²d|²  +  sum |d - h|² / f⁴  with g the grip and f the fade
-    in frames: contact steps cost their movement, all else costs the curvature that the correction adds. h is nothing on
-    free frames; on resting ones it leads to the place where the point rested most of the contact, so that
-    the frames of landing and leaving do not push the whole stance aside.
+    Minimises  sum over resting steps |Δ(p + d)|² / g²  +  sum over free steps |Δd|² / t²  +  sum |Δ²d|²  +  sum |d - h|² / f⁴
+    with g the grip, t the tension and f the fade in frames: contact steps cost their movement, all else costs the curvature
+    and the movement that the correction adds. h is nothing on free frames; on resting ones it leads to the place where the
+    point rested most of the contact, so that the frames of landing and leaving do not push the whole stance aside.
     """
     still = (resting[1:] & resting[:-1]).astype(float)
-    step_weight = still.sum(axis=1) / (GRIP * fps) ** 2
+    held = still.sum(axis=1)
+    step_weight = np.where(held > 0, held * (GRIP * fps) ** -2, (TENSION * fps) ** -2)
     moved = (still[..., None] * np.diff(values, axis=0)).sum(axis=1)
-    step_goal = -moved / np.maximum(still.sum(axis=1), 1)[:, None]
+    step_goal = -moved / np.maximum(held, 1)[:, None]
     home = np.zeros((len(values), values.shape[2]))
     count = np.maximum(resting.sum(axis=1), 1)[:, None]
     for point in range(resting.shape[1]):
@@ -147,12 +151,12 @@ def _settle_height(
     pinned = np.isfinite(need)
     lowest = heights.min(axis=1)
     need = np.maximum(need, np.where(pinned, ground - lowest, -np.inf))  # a heel is not pushed down to set a ball
+    steps = np.full(len(need) - 1, (TENSION * fps) ** -2)
     # Free points that would sink are pinned to the ground as well; each round can only add such frames.
     for _ in range(3):
         weight = np.where(pinned, (GRIP * fps) ** -4, (FADE * fps) ** -4)
-        lift = _least_squares(
-            weight, np.where(pinned, need, 0.0)[:, None], np.zeros(len(need) - 1), np.zeros((len(need) - 1, 1))
-        )
+        goal = np.where(pinned, need, 0.0)[:, None]
+        lift = _least_squares(weight, goal, steps, np.zeros((len(steps), 1)))
         sunk = ~pinned & (lowest + lift[:, 0] < ground - 1e-4)
         if not sunk.any():
             break
