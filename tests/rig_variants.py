@@ -182,7 +182,10 @@ def bound_in(rig, turns):
     axes, places = posed(rig, turns)
     vertices = sum(
         weight[:, None]
-        * (rot.rotate(rot.multiply(axes[name], rot.inverse(rig.axes[name])), rig.vertices - rig.places[name]) + places[name])
+        * (
+            rot.rotate(rot.multiply(axes[name], rot.inverse(rig.axes[name])), rig.vertices - rig.places[name])
+            + places[name]
+        )
         for name, weight in rig.weights.items()
     )
     return replace(rig, axes=axes, places=places, vertices=vertices)
@@ -200,7 +203,11 @@ def write_glb(path, rig, above=(), file=HERE, pose=None, skins=1, extras=None):
     nodes' own pose, which then is not the pose of binding. `extras(maker, number)` may add to the document."""
     maker, outer, last = Maker(), np.eye(4), None
     for name, translation, rotation, scale in above:
-        own = {"translation": list(map(float, translation)), "rotation": list(map(float, rotation)), "scale": [scale] * 3}
+        own = {
+            "translation": list(map(float, translation)),
+            "rotation": list(map(float, rotation)),
+            "scale": [scale] * 3,
+        }
         node = maker.add("nodes", {"name": name} | own)
         if last is not None:
             maker.json["nodes"][last]["children"] = [node]
@@ -210,7 +217,8 @@ def write_glb(path, rig, above=(), file=HERE, pose=None, skins=1, extras=None):
 
     def world(axes, places):
         return {
-            name: matrices(rot.multiply(file.rotation, axes[name]), file.points(places[name]), unit) for name in rig.names
+            name: matrices(rot.multiply(file.rotation, axes[name]), file.points(places[name]), unit)
+            for name in rig.names
         }
 
     bound, shown = world(rig.axes, rig.places), world(*(posed(rig, pose) if pose else (rig.axes, rig.places)))

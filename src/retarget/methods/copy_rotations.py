@@ -17,7 +17,15 @@ from retarget.body import rotations as rot
 from retarget.body.kinematics import forward, local_positions, local_rotations, rest_pose, world_pose
 from retarget.character import Motion, Pose
 from retarget.contact.ground import GroundContacts, ground_contacts
-from retarget.contact.support import BODY_JOINTS, SupportLimb, descendants, leg_length, stand_up, support_limbs, support_points
+from retarget.contact.support import (
+    BODY_JOINTS,
+    SupportLimb,
+    descendants,
+    leg_length,
+    stand_up,
+    support_limbs,
+    support_points,
+)
 from retarget.errors import RetargetError
 from retarget.methods.base import LAWS, Method, Result, Retargeter
 from retarget.motion.align import Actor, same_skeleton

@@ -27,7 +27,7 @@ FADE = 0.15
 """A displacement fades over about this time where nothing rests."""
 GRIP = 0.006
 """A point that comes to rest stands still after about this time: below a frame, so contacts hold exactly."""
-TENSION = 0.03
+TENSION = 0.06
 """How long, about, a correction runs on with the speed it has: a taut curve does not swing wide before and after a
 contact, at the price of some curvature."""
 LIFT_SIGMA = 0.10
