@@ -101,6 +101,20 @@ def test_a_folder_of_motions(made, tmp_path, command):
     assert code == 0 and len(out.splitlines()) == 2
 
 
+def test_a_folder_of_motions_may_hold_the_character_too(made, tmp_path, command):
+    inputs = tmp_path / "in"
+    inputs.mkdir()
+    for name in ("walk.bvh", "heavy.glb"):
+        (inputs / name).write_bytes((made / name).read_bytes())
+    code, out, _ = command("run", inputs, inputs / "heavy.glb", "-o", tmp_path / "results")
+    assert code == 0 and [path.name for path in (tmp_path / "results").iterdir()] == ["walk_heavy.glb"]
+
+
+def test_one_input_is_too_few(made, tmp_path, command):
+    code, _, err = command("run", made / "walk.bvh", "-o", tmp_path / "out.glb")
+    assert code == 2 and err.startswith("retarget: ") and len(err.splitlines()) == 1
+
+
 def test_clips_by_name_all_of_them_and_the_first(made, tmp_path, command):
     def clips(*words):
         out = tmp_path / "out.glb"

@@ -148,7 +148,7 @@ class _Framing:
 
 
 def _frame_rows(
-    shown: Sequence[Float[Array, "frames seen 3"]], known: Sequence[float | None], azimuth: float, pixels: int
+    shown: Sequence[Float[Array, "_ _ 3"]], known: Sequence[float | None], azimuth: float, pixels: int
 ) -> tuple[list[_Framing], float]:
     """How each row is looked at, one scale for rows of comparable size, and the cells' width over their height."""
     framings: list[Any] = [None] * len(shown)
