@@ -26,6 +26,7 @@ from rig_variants import (
 from retarget.body import rotations as rot
 from retarget.body.kinematics import local_rotations, world_pose
 from retarget.character import Character, Motion
+from retarget.contact.ground import ground_contacts
 from retarget.evaluate.cases import arms_turned, in_other_rest_pose
 from retarget.io import bvh
 from retarget.motion.align import Similarity
@@ -173,7 +174,8 @@ def crawl(frames=90, fps=30.0, way=0.8):
     skeleton, quarter = body().skeleton, np.array([np.pi / 2, 0, 0])
     turns = {"hips": quarter}
     for side in ("left", "right"):
-        turns |= {f"{side}UpperLeg": -quarter, f"{side}LowerLeg": quarter, f"{side}UpperArm": -quarter}
+        turns |= {f"{side}UpperLeg": -quarter, f"{side}UpperArm": -quarter}
+        turns |= {f"{side}LowerLeg": quarter, f"{side}Foot": 0.8 * quarter}  # the instep lies on the floor
     hips = np.zeros((frames, 1, 3))
     hips[:, 0, 2] = np.linspace(0, way, frames)
     motion = Motion(skeleton, local_rotations(skeleton.parents, poses(frames, turns)), hips, fps, name="crawl")
@@ -191,12 +193,23 @@ def test_who_crawls_from_first_to_last_does_not_stand(tmp_path):
     assert np.abs(found - wanted).max() < 0.05
 
 
-def test_who_crawls_is_carried_by_the_knees():
-    """Toes that drag behind tell nothing of the floor that the knees are on, and do not pull the body into it."""
-    motion, source = crawl(), cast(Character(body().skeleton))
+@pytest.mark.parametrize("way", [0.0, 0.8])
+def test_who_crawls_is_carried_by_the_knees(way):
+    """Feet that lie behind tell little of the floor that the knees are on, nor do they set how high the body is."""
+    source = cast(Character(body().skeleton))
     for preset in ("heavy", "child"):
         target = cast(actor(preset).character)
-        result = prepare(source, target)(motion)
-        knee = target.skeleton.index("leftLowerLeg")
-        height = world_pose(result.motion)[1][:, knee, 1] / result.stats["scale"]
-        assert height.min() > 0.02 and height.max() < 0.1
+        result = prepare(source, target)(crawl(way=way))
+        knee = world_pose(result.motion)[1][:, target.skeleton.index("leftLowerLeg"), 1]
+        wanted = (0.05 - result.stats["source_floor_m"]) * result.stats["scale"]
+        assert np.abs(knee - wanted).max() < 0.006
+        assert 0.02 < wanted < 0.06, "the floor lies below the knees by their thickness"
+
+
+def test_hands_without_fingers_do_not_lower_the_floor():
+    """Where a palm is guessed it may go through the floor that the feet stand on; feet stay on it nevertheless."""
+    points = np.zeros((120, 3, 3))
+    points[:, 2, 1] = np.linspace(1.0, -0.1, 120).clip(-0.1)
+    points[60:, 2, 1] = -0.1
+    found = ground_contacts(points, 30.0, 0.9, feet=2)
+    assert found.floor == 0.0 and found.touching[70:, 2].all() and (found.support == 0.0).all()

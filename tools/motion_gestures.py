@@ -233,7 +233,7 @@ def demo(performer: Performer) -> Clip:
     """Some steps, hands on the hips, then one hand to the opposite shoulder."""
     t = clock(8.0)
     act = Channels(len(t))
-    steps = walk_steps(0.35, 5, 0.52)
+    steps = walk_steps(0.45, 5, 0.52)
     planted = place_feet(performer, act, t, feet_apart(), steps)
     amount = walk_body(performer, act, t, feet_apart(), steps, Gait())
     live(act, t, 13, 1 - 0.7 * amount)

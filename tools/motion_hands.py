@@ -110,10 +110,11 @@ def arm_problem(performer: Performer, act: Channels, frame: int, holds: Sequence
     return Problem(performer, build, low, high, stiff, touches, meets, aims, aparts)
 
 
-def settle(problem: Problem, guess: Array) -> Array:
-    """Arms of a guess brought to their place: first hands and fingers where and how they are wanted, then the skin."""
-    free = replace(problem, touches=(), aparts=(), aims=[replace(aim, weight=4 * aim.weight) for aim in problem.aims])
-    return problem.solve(free.solve(guess, rounds=25), rounds=35)
+def settle(problem: Problem, lifted: Problem, guess: Array) -> Array:
+    """Arms of a guess brought to their place: first hands and fingers as they are wanted but off the skin, then on it."""
+    free = replace(lifted, aparts=(), aims=[replace(aim, weight=4 * aim.weight) for aim in lifted.aims])
+    outside = replace(lifted, aims=free.aims).solve(free.solve(guess, rounds=30), rounds=20)
+    return problem.solve(outside, rounds=50)
 
 
 def polish(problem: Problem, angles: Array, rounds: int = 30, aim: float = 0.3) -> Array:

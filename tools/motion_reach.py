@@ -32,7 +32,7 @@ def solve_places(
         act.arms[hold.side][frame] = guess
     if not together:
         for hold, guess in zip(_one_by_one(holds), guesses, strict=True):
-            act.arms[hold.side][frame] = settle(arm_problem(performer, act, frame, [hold]), guess)
+            act.arms[hold.side][frame] = settle(*(arm_problem(performer, act, frame, [hold], off) for off in (0.0, 0.04)), guess)
     problem = arm_problem(performer, act, frame, holds)
     contact = np.concatenate([act.arms[hold.side][frame] for hold in holds])
     if len(holds) > 1:
@@ -92,10 +92,16 @@ def _come_and_go(performer: Performer, act: Channels, holds: Sequence[Hold], tim
 def sunk(performer: Performer, act: Channels, side: str, frames: Array, clear: Sequence[str] = ()) -> Array:
     """How deep the arm lies in the rest of the body at some frames, metres (0 where it does not)."""
     limb, faces = limb_vertices(performer, side), body_faces(performer, side, *clear)
+    first_corners = performer.faces[faces, 0]
     depth = []
     for frame in frames:
         posed = performer.skin(performer.world(*one_frame(performer, act, int(frame))))[0]
-        distance = PosedSurface(posed, performer.faces, faces).nearest(posed[limb])[3]
+        low, high = posed[limb].min(axis=0) - 0.06, posed[limb].max(axis=0) + 0.06
+        around = ((posed[first_corners] > low) & (posed[first_corners] < high)).all(axis=1)
+        if not around.any():
+            depth.append(0.0)
+            continue
+        distance = PosedSurface(posed, performer.faces, faces[around]).nearest(posed[limb])[3]
         depth.append(max(0.0, -distance[distance > -0.05].min(initial=0.0)))
     return np.array(depth)
 

@@ -106,7 +106,7 @@ def _place_foot(performer: Performer, act: Channels, t: Array, side: str, start:
         path[:, 2] += step.around * np.sin(np.pi * share) ** 2
         relaxed = np.radians(8) * np.sin(np.pi * share)
         toes[swing] = np.maximum(toes[swing] * (1 - ease(share, 0.0, 0.45)), relaxed)
-    act.ankles[side], act.toes[side] = ankle, gaussian(toes, 0.6)
+    act.ankles[side], act.toes[side] = ankle, np.where(on_floor, toes, gaussian(toes, 0.6))
     act.feet[side] = np.stack([yaw, pitch, np.zeros(len(t))], axis=-1)
     act.knees[side] = gaussian(yaw, 3.0) + performer.legs[side].heading * 0.5
     return on_floor

@@ -48,12 +48,13 @@ class PosedSurface:
         corners = vertices[faces[chosen]]
         self.tree = cKDTree(corners.mean(axis=1))
         normals = np.zeros_like(vertices)
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = np.linalg.norm(cross, axis=1)
         for k in range(3):
             u, v = corners[:, (k + 1) % 3] - corners[:, k], corners[:, (k + 2) % 3] - corners[:, k]
-            cross = np.cross(u, v)
-            area = np.linalg.norm(cross, axis=1)
-            angle = np.arctan2(area, (u * v).sum(axis=1))
-            np.add.at(normals, faces[chosen][:, k], cross / np.maximum(area, 1e-15)[:, None] * angle[:, None])
+            share = cross * (np.arctan2(area, (u * v).sum(axis=1)) / np.maximum(area, 1e-15))[:, None]
+            for axis in range(3):
+                normals[:, axis] += np.bincount(faces[chosen][:, k], share[:, axis], len(vertices))
         self.normals = normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
 
     def nearest(self, points: Array) -> tuple[Array, Array, Array, Array]:
@@ -123,7 +124,7 @@ class Apart:
     faces: Array
     margin: float = 0.0
     weight: float = 5.0
-    depth: float = 0.035
+    depth: float = 0.05
     """Metres: deeper points are taken for lying on the far side, not for sunk in."""
 
 
@@ -143,21 +144,35 @@ class Problem:
     aparts: Sequence[Apart] = field(default_factory=tuple)
 
     def solve(self, start: Array, guess: Array | None = None, rounds: int = 18, step: float = 0.12) -> Array:
-        """Angles after damped Gauss-Newton steps; the nearest surface points are found anew in every round."""
+        """Angles after Levenberg-Marquardt steps; the nearest surface points are found anew in every round.
+
+        Steps that make things worse are taken back and shortened (Nielsen 1999 changes the damping more finely).
+        """
         x, guess = np.clip(start, self.lowest, self.highest), start if guess is None else guess
+        residual, jacobian = self._linearise(x)(x, guess)
+        cost, damping = residual @ residual, 1e-3
         for _ in range(rounds):
-            linear = self._linearise(x)
-            residual, jacobian = linear(x, guess)
             slope = jacobian.T @ residual
             # Angles that lie at a limit and want beyond it are left out of the step.
             free = ~(((x <= self.lowest) & (slope > 0)) | ((x >= self.highest) & (slope < 0)))
-            hessian = jacobian[:, free].T @ jacobian[:, free] + 1e-6 * np.eye(int(free.sum()))
+            hessian = jacobian[:, free].T @ jacobian[:, free]
+            hessian += damping * np.diag(np.diag(hessian)) + 1e-9 * np.eye(int(free.sum()))
             delta = np.zeros(len(x))
             delta[free] = -np.linalg.solve(hessian, slope[free])
             delta *= min(1.0, step / max(np.abs(delta).max(), 1e-9))
-            x = np.clip(x + delta, self.lowest, self.highest)
-            if np.abs(delta).max() < 2e-4:
-                break
+            tried = np.clip(x + delta, self.lowest, self.highest)
+            new_residual, new_jacobian = self._linearise(tried)(tried, guess)
+            new_cost = new_residual @ new_residual
+            if new_cost < cost:
+                settled = cost - new_cost < 1e-4 * cost and np.abs(delta).max() < 2e-3
+                x, residual, jacobian, cost = tried, new_residual, new_jacobian, new_cost
+                damping = max(damping / 3, 1e-6)
+                if settled:
+                    break
+            else:
+                damping *= 6
+                if damping > 1e4 or np.abs(delta).max() < 1e-5:
+                    break
         return x
 
     def _linearise(self, x: Array) -> Callable[[Array, Array], tuple[Array, Array]]:

@@ -30,6 +30,10 @@ SNAP = 0.04 / 0.9
 HAND = 0.25
 """Leg lengths by which the palm of a body without fingers can be misplaced: what hands show up to so much below the floor
 of the feet is that floor."""
+STANDING = 0.6
+"""Leg lengths over the floor at which the hips of a standing body are at least."""
+THICKNESS = 0.05
+"""Leg lengths between the floor and the joint of a knee or an elbow that lies on it."""
 SLIDE_WINDOW = 0.3
 """Seconds. A point that strays on both sides of this is sliding, however slowly."""
 SLIDE = 0.03 / 0.9
@@ -139,7 +143,7 @@ def ground_contacts(
     stillness, nothing lower carries the body: so a foot held in the air beside a standing leg does not count.
 
     The first `feet` points are of feet and tell the floor better than the others (None: all points are alike). `body`
-    are places of other joints (knees, elbows, hips ...), which the floor does not cover: who crawls rests on them.
+    are places of other joints, hips first: of who never stands up (crawls, sits, lies), they tell how deep the floor is.
     """
     speed = speeds(points, fps) / leg_length
     peak = _running_maximum(speed, int(round(PEAK_WINDOW * fps)))
@@ -148,8 +152,8 @@ def ground_contacts(
     if feet is not None:
         of_feet = floor_height(points[:, :feet], slow[:, :feet], leg_length)
         floor = of_feet if of_feet - floor < HAND * leg_length else floor
-    if body is not None:
-        floor = min(floor, float(np.percentile(body[..., 1].min(axis=1), 10)))
+    if body is not None and (body[:, 0, 1] - floor > STANDING * leg_length).sum() < 3:
+        floor = min(floor, float(np.percentile(body[..., 1].min(axis=1), 10)) - THICKNESS * leg_length)
     height = points[..., 1] - floor
     still = hysteresis(slow, speed < np.maximum(LEAVE_SPEED, LEAVE_SHARE * peak))
     low = height < HEIGHT * leg_length

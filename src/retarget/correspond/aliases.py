@@ -42,8 +42,7 @@ ALIASES: dict[str, str] = {
     "Index": "index indexfinger findex pointer zeigefinger indice 人指 食指 人差指",
     "Middle": "middle mid middlefinger fmiddle majeur mittelfinger medio 中指",
     "Ring": "ring ringfinger fring annulaire ringfinger anular anulare 薬指 无名指 無名指",
-    "Little": "little pinky pinkie pinkyfinger littlefinger fpinky auriculaire kleinerfinger menique mignolo "
-    "小指",
+    "Little": "little pinky pinkie pinkyfinger littlefinger fpinky auriculaire kleinerfinger menique mignolo 小指",
 }
 """Words that mean this part and hardly ever another."""
 
@@ -67,13 +66,9 @@ AMBIGUOUS: dict[str, dict[str, float]] = {
 """Words that mean one of several parts, with how readily; they take precedence over the table above."""
 
 LEFT = (
-    "l left lft lf gauche links linke linker linkes izquierda izquierdo izq sinistra sinistro sx "
-    "esquerda esquerdo 左"
+    "l left lft lf gauche links linke linker linkes izquierda izquierdo izq sinistra sinistro sx esquerda esquerdo 左"
 )
-RIGHT = (
-    "r right rgt rt droit droite rechts rechte rechter rechtes derecha derecho destra destro dx "
-    "direita direito 右"
-)
+RIGHT = "r right rgt rt droit droite rechts rechte rechter rechtes derecha derecho destra destro dx direita direito 右"
 SIDES: dict[str, int] = {**dict.fromkeys(LEFT.split(), 1), **dict.fromkeys(RIGHT.split(), -1)}
 """Side markers: +1 left, -1 right."""
 

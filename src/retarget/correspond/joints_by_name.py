@@ -131,7 +131,12 @@ def spell(name: str, prefix: tuple[str, ...] = ()) -> Spelling:
     core = [word for word in words if word not in TWISTS]
     kept = core if "".join(core) in _vocabulary() else [word for word in core if word not in NOISE]
     return Spelling(
-        "".join(kept or core), side, number, bool(flags & AUXILIARY), bool(flags & TWISTS), bool(flags & FOREIGN),
+        "".join(kept or core),
+        side,
+        number,
+        bool(flags & AUXILIARY),
+        bool(flags & TWISTS),
+        bool(flags & FOREIGN),
         bool(flags & ANIMAL),
         bool(flags & METACARPALS),
         last,

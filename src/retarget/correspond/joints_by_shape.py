@@ -62,9 +62,7 @@ def bodies(tree: Tree, names: NameScores) -> list[Body]:
     return sorted((_with_head(tree, names, draft) for draft in near), key=lambda body: body.cost)
 
 
-def _draft(
-    tree: Tree, names: NameScores, legs: Pair, arms: Pair, up_leg: list[int], preference: float
-) -> Body | None:
+def _draft(tree: Tree, names: NameScores, legs: Pair, arms: Pair, up_leg: list[int], preference: float) -> Body | None:
     """A body without its head; None where legs and arms cannot belong together."""
     if legs.trunk == arms.trunk and set(legs.tops) & set(arms.tops):
         return None

@@ -108,6 +108,11 @@ class PreparedCopy(Retargeter):
     first_step: list[Float[Array, "3"]] = field(default_factory=list)
     """Where the hips of the first online frame are, once there was one: what `in_place` keeps of the path."""
 
+    @property
+    def target_leg(self) -> float:
+        """Length of the target's legs, metres."""
+        return leg_length(self.target.skeleton, self.target.humanoid)
+
     def __call__(self, motion: Motion) -> Result:
         """Retarget a clip. Raises `RetargetError` for a motion of another skeleton or without frames."""
         if not same_skeleton(motion.skeleton, self.source.skeleton):
@@ -133,9 +138,9 @@ class PreparedCopy(Retargeter):
         }
         if contacts is not None:
             stats["contact_frames"] = int(contacts.touching.any(axis=1).sum())
-        if contacts is not None and contacts.touching.any():
             body = (_body(self.source, positions)[..., 1] - source_floor) * self.plan.scale
-            world, hips = self._hold(world, placed, hips, contacts, body, source_floor, motion.fps)
+            if contacts.touching.any() or (body < LOW * self.target_leg).any():
+                world, hips = self._hold(world, placed, hips, contacts, body, source_floor, motion.fps)
         if self.settings.in_place:
             hips = hips * [0, 1, 0] + hips[0] * [1, 0, 1]
         return Result(self.target, self._motion(world, hips, motion), stats=stats)
@@ -204,7 +209,7 @@ class PreparedCopy(Retargeter):
             for heights in np.split(contacts.heights, counts, axis=1)
         ]
         ground = [np.minimum(self.floor, heights.min(axis=1)) for heights in sources]
-        leg = leg_length(self.target.skeleton, self.target.humanoid)
+        leg = self.target_leg
         carriers = list(zip(points[:LEGS], touching[:LEGS], support[:LEGS]))
         own = _body(self.target, placed)
         for joint, height in enumerate(body.T[..., None]):  # who lies, kneels or crawls keeps those joints on the floor
