@@ -16,9 +16,8 @@ from jaxtyping import Float
 from retarget.body import rotations as rot
 from retarget.body.kinematics import forward, local_positions, local_rotations, rest_pose, world_pose
 from retarget.character import Motion, Pose
-from retarget.contact.ground import GroundContacts, ground_contacts
+from retarget.contact.ground import GroundContacts
 from retarget.contact.support import (
-    BODY_JOINTS,
     SupportLimb,
     descendants,
     leg_length,
@@ -34,11 +33,10 @@ from retarget.motion.copy import CopyPlan, complete, copy_rotations, plan_copy, 
 from retarget.motion.filter import FASTEST
 from retarget.motion.foot_lock import body_lift, hip_drop, limb_goal, reach_goals
 from retarget.motion.limits import Limit, ease_into_limits, joint_limits
+from retarget.motion.standing import LEGS, carrier_positions, standing_contacts
 
 Array = np.ndarray
 
-LEGS = 2
-"""The first two support limbs are the legs."""
 LOW = 0.15
 """Leg lengths over the floor below which a hip, knee, elbow or shoulder joint, or the head, carries the body."""
 
@@ -80,11 +78,6 @@ def _sole_height(actor: Actor, limbs: tuple[SupportLimb, ...]) -> float:
     return float(min(points[..., 1].min() for points in legs))
 
 
-def _body(actor: Actor, positions: Float[Array, "frames joints 3"]) -> Float[Array, "frames carriers 3"]:
-    """Where the joints are that a body rests on besides feet and hands."""
-    return positions[:, [actor.humanoid.joints[name] for name in BODY_JOINTS]]
-
-
 def _rest_floor(sole: float, hip_height: float) -> float:
     """A body that stands on its own ground keeps it; one whose file has its origin at the hips gets the world's."""
     return sole if abs(sole) < 0.25 * hip_height else 0.0
@@ -124,7 +117,9 @@ class PreparedCopy(Retargeter):
                 f"the clip {motion.name!r} runs at {motion.fps:g} frames a second; resample it to {FASTEST:g} or less (--fps)"
             )
         rotations, positions = world_pose(motion)
-        contacts = self._contacts(rotations, positions, motion.fps) if self.settings.foot_lock else None
+        contacts = None
+        if self.settings.foot_lock:
+            contacts = standing_contacts(self.source, self.source_limbs, rotations, positions, motion.fps)
         source_floor = self.source_floor
         if contacts is not None:  # a clip that never lands keeps its own ground, unless it sinks below
             source_floor = contacts.floor if contacts.touching.any() else min(contacts.floor, source_floor)
@@ -138,7 +133,7 @@ class PreparedCopy(Retargeter):
         }
         if contacts is not None:
             stats["contact_frames"] = int(contacts.touching.any(axis=1).sum())
-            body = (_body(self.source, positions)[..., 1] - source_floor) * self.plan.scale
+            body = (carrier_positions(self.source, positions)[..., 1] - source_floor) * self.plan.scale
             if contacts.touching.any() or (body < LOW * self.target_leg).any():
                 world, hips = self._hold(world, placed, hips, contacts, body, source_floor, motion.fps)
         if self.settings.in_place:
@@ -158,13 +153,6 @@ class PreparedCopy(Retargeter):
             hips = hips * [0, 1, 0] + self.first_step[0] * [1, 0, 1]
         result = self._motion(world, hips, None)
         return result.pose(0)
-
-    def _contacts(self, rotations: Array, positions: Array, fps: float) -> GroundContacts:
-        points = support_points(self.source_limbs, rotations, positions)
-        feet = sum(path.shape[1] for path in points[:LEGS])
-        leg = leg_length(self.source.skeleton, self.source.humanoid)
-        body = _body(self.source, positions)
-        return ground_contacts(np.concatenate(points, axis=1), fps, leg, feet, body)
 
     def _copy(
         self,
@@ -211,7 +199,7 @@ class PreparedCopy(Retargeter):
         ground = [np.minimum(self.floor, heights.min(axis=1)) for heights in sources]
         leg = self.target_leg
         carriers = list(zip(points[:LEGS], touching[:LEGS], support[:LEGS]))
-        own = _body(self.target, placed)
+        own = carrier_positions(self.target, placed)
         for joint, height in enumerate(body.T[..., None]):  # who lies, kneels or crawls keeps those joints on the floor
             carriers.append((own[:, joint, None], height < LOW * leg, np.maximum(height, 0.0) + self.floor))
         lift = body_lift(*map(list, zip(*carriers)), leg, fps)[:, None] * [0.0, 1.0, 0.0]

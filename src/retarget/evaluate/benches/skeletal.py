@@ -17,7 +17,6 @@ import numpy as np
 from retarget.body.human import PRESETS, human
 from retarget.body.kinematics import world_pose
 from retarget.character import Character, Motion
-from retarget.contact.ground import ground_contacts
 from retarget.contact.support import leg_length, support_limbs, support_points
 from retarget.correspond.joints import REQUIRED_JOINTS
 from retarget.errors import RetargetError
@@ -43,6 +42,7 @@ from retarget.methods import Result
 from retarget.motion.align import Actor
 from retarget.motion.filter import resample
 from retarget.motion.library import PERFORMER, embedded_motion, motion_names
+from retarget.motion.standing import standing_contacts
 from retarget.retargeting import cast, prepare
 
 FPS = 30.0
@@ -184,8 +184,9 @@ def _direction_figures(case: Case, free: Result) -> dict[str, float | None]:
 
 def _contact_figures(case: Case, held: Result) -> dict[str, float | None]:
     limbs = {actor: support_limbs(actor.character, actor.humanoid) for actor in (case.source, case.target)}
-    source_points = np.concatenate(support_points(limbs[case.source], *world_pose(case.motion)), axis=1)
-    contacts = ground_contacts(source_points, case.motion.fps, leg_length(case.source.skeleton, case.source.humanoid))
+    pose = world_pose(case.motion)
+    source_points = np.concatenate(support_points(limbs[case.source], *pose), axis=1)
+    contacts = standing_contacts(case.source, limbs[case.source], *pose, case.motion.fps)
     points = np.concatenate(support_points(limbs[case.target], *world_pose(held.motion)), axis=1)
     touching = contacts.touching
     scale = held.stats["scale"]
