@@ -97,7 +97,7 @@ def jump(performer: Performer) -> Clip:
     act.trunk[:, 0] = rad(26) * crouch - rad(7) * stretch + rad(5) * bump(t, off + 0.15, down, down + 0.4)
     act.look[:, 1] = rad(9) * crouch - rad(8) * stretch
     swing = [
-        (0.0, arm()), (0.42, arm(flex=8, abduct=12)), (0.9, arm(flex=-46, abduct=14, elbow=14)),
+        (-1.0, arm()), (0.1, arm()), (0.42, arm(flex=8, abduct=12)), (0.9, arm(flex=-46, abduct=14, elbow=14)),
         (1.08, arm(flex=15, abduct=14, elbow=38)),
         (off + 0.07, arm(**{"raise": 12}, flex=118, abduct=22, internal=5, elbow=32, wrist=-8)),
         (off + 0.26, arm(**{"raise": 8}, flex=92, abduct=34, internal=5, elbow=28, wrist=5)),

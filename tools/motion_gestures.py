@@ -56,9 +56,9 @@ def shoulder_hold(side: str) -> tuple[Hold, Array]:
     place = {other + "ShoulderTop": 0.35, other + "ShoulderFront": 0.45, other + "ShoulderTip": 0.2}
     hold = Hold(
         side, ("IndexBase", "LittleBase", *PADS), ("chest", other + "UpperArm", "neck"), {"Palm": place},
-        fingers=(-sign * 0.5, 0.5, -0.7), palm=(sign * 0.15, -0.7, -0.7), away=(-sign * 0.1, 0.5, 0.85),
+        fingers=(-sign * 0.5, 0.5, -0.7), palm=(sign * 0.15, -0.7, -0.7), away=(-sign * 0.1, 0.4, 0.9), stiff_shoulder=6.0,
     )  # fmt: skip
-    return hold, arm(**{"raise": 4, "forward": 14}, flex=68, abduct=-22, internal=40, elbow=125, pronate=20, wrist=-5, **FLAT)
+    return hold, arm(**{"raise": 4, "forward": 14}, flex=72, abduct=-20, internal=48, elbow=118, pronate=20, wrist=-5, **FLAT)
 
 
 def touch(performer: Performer, act: Channels, t: Array, placed: tuple[Hold, Array], times: Times, lift: float = 0.07) -> None:
@@ -88,7 +88,7 @@ def hand_to_shoulder(performer: Performer) -> Clip:
     act.trunk[:, 2] -= rad(1.5) * ready
     act.look += rad([-12, 5, -2]) * (ease(t, 0.7, 1.5) * (1 - ease(t, 2.8, 3.7)))[:, None]
     stand_firm(performer, act, planted)
-    times = (0.4, 1.5, 3.1, 4.2)
+    times = (0.35, 1.55, 3.1, 4.25)
     touch(performer, act, t, shoulder_hold("left"), times, 0.08)
     return Clip.of(performer, "hand_to_shoulder", act, planted, [(*during(times), "leftHand", "chest")])
 

@@ -42,8 +42,9 @@ class Hold:
     aim: float = 0.05
     touch: float = 3.0
     stiff_girdle: float = 1.0
+    stiff_shoulder: float = 1.0
     stiff_fingers: float = 1.0
-    """How much more than usual shoulder girdle and fingers resist being bent."""
+    """How much more than usual shoulder girdle, upper arm and fingers resist being moved from the guess."""
     clear: Sequence[str] = ()
     """Other arms that this arm may pass through (it is not looked at then)."""
 
@@ -106,7 +107,7 @@ def arm_problem(performer: Performer, act: Channels, frame: int, holds: Sequence
         faces = body_faces(performer, hold.side, *hold.clear)
         aparts.append(Apart(limb_vertices(performer, hold.side), faces, margin=0.006 if lift else 0.0))
     low, high = np.tile(LIMITS, (len(holds), 1)).T
-    stiff = np.concatenate([STIFF * np.repeat([hold.stiff_girdle, 1.0, hold.stiff_fingers], [2, 7, 8]) for hold in holds])
+    stiff = np.concatenate([STIFF * np.repeat([hold.stiff_girdle, hold.stiff_shoulder, 1.0, hold.stiff_fingers], [2, 3, 4, 8]) for hold in holds])
     return Problem(performer, build, low, high, stiff, touches, meets, aims, aparts)
 
 

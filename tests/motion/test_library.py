@@ -106,10 +106,10 @@ def test_motions_are_whole(name):
 def test_motions_are_smooth(name):
     motion = embedded_motion(name)
     turned = angle_between(motion.rotations[1:], motion.rotations[:-1])
-    assert np.degrees(turned.max()) < 24, motion.skeleton.names[int(turned.max(axis=0).argmax())]
+    assert np.degrees(turned.max()) < (32 if name in ("run", "jump") else 24), motion.skeleton.names[int(turned.max(axis=0).argmax())]
     positions = world_pose(motion)[1]
     acceleration = np.linalg.norm(np.diff(positions, 2, axis=0), axis=-1) * motion.fps**2
-    limit = {"jump": 180, "run": 95, "walk": 55, "demo": 55, "turn": 55, "legs_crossed": 45}.get(name, 38)  # m/s^2
+    limit = {"jump": 180, "run": 95, "walk": 55, "demo": 55, "turn": 55}.get(name, 30)  # m/s^2
     joint = int(acceleration.max(axis=0).argmax())
     assert acceleration.max() < limit, f"{motion.skeleton.names[joint]} in frame {acceleration[:, joint].argmax()}"
 
@@ -172,17 +172,18 @@ def test_touching_limbs_do_not_sink_in(name, surfaces):
     for contact in embedded_contacts(name):
         if contact.other == "floor":
             continue
-        own = [model.part_names.index(part) for part in limb_of(contact.part)]
-        faces = model.faces[~np.isin(model.face_parts, own)]
-        limb = np.concatenate([model.part_vertices(part) for part in limb_of(contact.part)[:2]])
+        own = limb_of(contact.part)
+        apart = own + (["pelvis"] if contact.part.endswith("Thigh") else [])  # next to the limb: always at distance zero
+        faces = model.faces[~np.isin(model.face_parts, [model.part_names.index(part) for part in apart])]
+        limb = np.concatenate([model.part_vertices(part) for part in {*own[:2], contact.part}])[::2]
         frame = int(frames_of(contact).mean())
-        points, surface = vertices[frame][limb], sampled(vertices[frame], faces, 3)
+        points, surface = vertices[frame][limb], sampled(vertices[frame], faces, 4)
         distance = cKDTree(surface).query(points)[0]
-        near = np.flatnonzero(distance < 0.03)
+        near = np.flatnonzero(distance < 0.02)
         inside = winding(points[near], vertices[frame][faces]) > 0.5
         depth = np.where(inside, distance[near], 0.0)
-        assert depth.max() < 8e-3, f"{contact} sinks in by {depth.max() * 1e3:.1f} mm in frame {frame}"
-        assert (depth > 3e-3).sum() < 0.05 * len(limb)
+        assert depth.max() < 4e-3, f"{contact} sinks in by {depth.max() * 1e3:.1f} mm in frame {frame}"
+        assert (depth > 1.5e-3).sum() < 0.02 * len(limb)
 
 
 def test_the_tool_makes_what_the_file_holds(monkeypatch):
