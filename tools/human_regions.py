@@ -157,7 +157,7 @@ def _left_arm(find: Finder) -> dict[str, int]:
     arm, elbow, wrist = j["leftUpperArm"], j["leftLowerArm"], j["leftHand"]
     point = 2 * elbow - arm - wrist  # away from the inside of the bent elbow
     index, little, middle = (j[f"left{f}Proximal"] for f in ("Index", "Little", "Middle"))
-    palm = np.cross(index - wrist, little - wrist)  # out of the palm on the left hand
+    palm = np.cross(little - wrist, index - wrist)  # out of the palm on the left hand
     palm = palm / np.linalg.norm(palm)
     centre = 0.35 * wrist + 0.65 * (index + little + middle) / 3
     both = ("leftForearm", "leftHand")

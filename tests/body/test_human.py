@@ -197,12 +197,13 @@ class TestRegions:
         for sole in ("leftHeelSole", "leftBall", "leftBallOutside"):
             assert at[sole][1] < 0.015
 
-    def test_the_palm_looks_forward_of_the_back_of_the_hand(self, model, average):
+    def test_the_palm_looks_to_the_body_and_the_back_of_the_hand_away(self, model, average):
         normal = np.zeros_like(average)
         for k in range(3):
             np.add.at(normal, model.faces[:, k], normals(average, model.faces))
         palm, back = normal[model.landmark("leftPalm")], normal[model.landmark("leftBackOfHand")]
         assert palm @ back < 0
+        assert palm[0] < 0 < back[0], "the left palm looks to the right, where the body is"
 
 
 def swapped(name):
