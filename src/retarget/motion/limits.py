@@ -37,6 +37,9 @@ class Limit:
     swing: float
     twist: float
     """Radians."""
+    hinge: Float[Array, "3"] | None = None
+    """Axis, in the carrier's frame, about which the joint must hardly turn the positive way: a knee does not bend
+    forward. None for joints that bend any way (and for elbows, whose hinge a rest pose does not show reliably)."""
 
 
 # Canonical joint, what carries it, largest swing and twist in degrees (ours; about 1.2 times what physiotherapy tables
@@ -49,6 +52,8 @@ _TABLE = (
     ("Foot", "LowerLeg", 85, 70),
 )
 _HEAD = ("head", "chest", 95, 110)
+HYPEREXTENSION = np.radians(15)
+"""How far a hinge opens beyond straight."""
 
 
 def joint_limits(actor: Actor) -> tuple[Limit, ...]:
@@ -60,7 +65,9 @@ def joint_limits(actor: Actor) -> tuple[Limit, ...]:
         for part, carrier, swing, twist in _TABLE:
             below, above = f"{side}{part}", carrier if carrier == "hips" else f"{side}{carrier}"
             zero = rot.multiply(K[above], _neutral(part, side))
-            limits.append(Limit(joints[below], joints[above], K[below], zero, X, np.radians(swing), np.radians(twist)))
+            hinge = Z if part == "LowerLeg" else None
+            bounds = np.radians(swing), np.radians(twist)
+            limits.append(Limit(joints[below], joints[above], K[below], zero, X, *bounds, hinge))
     name, carrier, swing, twist = _HEAD
     above = next(each for each in ("upperChest", carrier, "spine", "hips") if each in joints)
     limits.append(Limit(joints[name], joints[above], K[name], K[above], Y, np.radians(swing), np.radians(twist)))
@@ -88,10 +95,12 @@ def ease_into_limits(limits: tuple[Limit, ...], world: Float[Array, "frames join
         twist = rot.twist_about(turn, limit.axis)
         swing = rot.multiply(turn, rot.inverse(twist))
         over = (_angle(swing) > limit.swing) | (_angle(twist) > limit.twist)
+        if limit.hinge is not None:
+            over |= rot.to_rotation_vector(swing) @ limit.hinge > HYPEREXTENSION
         if not over.any():
             continue
         touched |= over
-        eased = rot.multiply(_eased(swing[over], limit.swing), _eased(twist[over], limit.twist))
+        eased = rot.multiply(_closed(_eased(swing[over], limit.swing), limit.hinge), _eased(twist[over], limit.twist))
         world[over, limit.joint] = rot.multiply(rot.multiply(zero[over], eased), rot.inverse(limit.frame))
     return int(touched.sum())
 
@@ -104,5 +113,17 @@ def _eased(q: Float[Array, "frames 4"], limit: float) -> Float[Array, "frames 4"
     """The same axis with the angle bent towards limit + margin, smoothly from the limit on."""
     vector = rot.to_rotation_vector(q)
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
-    bent = np.where(angle > limit, limit + MARGIN * (1 - np.exp(-np.maximum(angle - limit, 0) / MARGIN)), angle)
-    return rot.from_rotation_vector(vector * bent / np.maximum(angle, 1e-12))
+    return rot.from_rotation_vector(vector * _bent(angle, limit) / np.maximum(angle, 1e-12))
+
+
+def _closed(swing: Float[Array, "frames 4"], hinge: Float[Array, "3"] | None) -> Float[Array, "frames 4"]:
+    """The swing whose part about the hinge hardly opens beyond straight."""
+    if hinge is None:
+        return swing
+    vector = rot.to_rotation_vector(swing)
+    open_by = vector @ hinge
+    return rot.from_rotation_vector(vector + (_bent(open_by, HYPEREXTENSION) - open_by)[:, None] * hinge)
+
+
+def _bent(angle: Float[Array, "*frames"], limit: float) -> Float[Array, "*frames"]:
+    return np.where(angle > limit, limit + MARGIN * (1 - np.exp(-np.maximum(angle - limit, 0) / MARGIN)), angle)
