@@ -38,8 +38,11 @@ def match_rates() -> dict[str, float | None]:
     """Share of files whose required joints are all right, as they are and with every name scrambled."""
     right, right_scrambled, total = 0, 0, 0
     for path, truth in truths():
-        skeleton = load(path).character.skeleton
         total += 1
+        try:
+            skeleton = load(path).character.skeleton
+        except RetargetError:  # a file that cannot be read is a file that is not matched
+            continue
         right += _all_right(skeleton, skeleton.names, truth)
         right_scrambled += _all_right(scrambled(skeleton, seed=total), skeleton.names, truth)
     if not total:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import statistics
 import subprocess
 import sys
@@ -44,6 +45,8 @@ from retarget.motion.filter import resample
 from retarget.motion.library import PERFORMER, embedded_motion, motion_names
 from retarget.motion.standing import standing_contacts
 from retarget.retargeting import cast, prepare
+
+log = logging.getLogger("retarget")
 
 FPS = 30.0
 LONGEST = 20.0
@@ -125,11 +128,12 @@ def _real_cases(quick: bool) -> Iterator[Case]:
     targets.append(("heavy", cast(human(**PRESETS["heavy"]))))
     sources = [path for path in real_files(".bvh") if "motions" in path.parts]
     for number, path in enumerate(sources[::6] if quick else sources):
-        asset = load(path)
         try:
+            asset = load(path)
             motion = asset.motion()
             source = cast(asset, motion=motion)
-        except RetargetError:
+        except RetargetError as error:
+            log.warning("left out: %s", error)
             continue
         motion = source.house_from_file.motion(resample(_first(motion, LONGEST), min(FPS, motion.fps)))
         for name, target in [targets[(number + shift) % len(targets)] for shift in ((0,) if quick else (0, 2))]:
@@ -140,7 +144,8 @@ def _real_cases(quick: bool) -> Iterator[Case]:
 def _try_cast(path: Path) -> Actor | None:
     try:
         return cast(load(path))
-    except RetargetError:
+    except RetargetError as error:
+        log.warning("left out: %s", error)
         return None
 
 
@@ -232,7 +237,11 @@ def round_trip_mm(quick: bool) -> float:
     for name in motion_names()[:2] if quick else motion_names():
         written.append((body, production.retargeter(embedded_motion(name)).motion))
     for path in real_files(".glb", ".gltf"):
-        asset = load(path)
+        try:
+            asset = load(path)
+        except RetargetError as error:
+            log.warning("left out: %s", error)
+            continue
         if asset.clips and asset.character is not None:
             written.append((asset.character, asset.motion(0)))
     worst = 0.0
