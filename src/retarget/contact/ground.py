@@ -42,6 +42,22 @@ SHORTEST = 0.07
 """Seconds that a contact lasts at least; shorter ones are noise. Also the longest gap that is bridged."""
 
 
+@dataclass(frozen=True)
+class RestingRule:
+    """When a point counts as resting; leg lengths and leg lengths a second."""
+
+    enter_speed: float = ENTER_SPEED
+    leave_speed: float = LEAVE_SPEED
+    height: float = HEIGHT
+
+
+HELD_RULE = RestingRule()
+"""What methods hold by."""
+WIDE_RULE = RestingRule(0.18 / 0.9, 0.45 / 0.9, 0.06 / 0.9)
+"""Counts more of landing and leaving as contact than methods hold: the benches judge by it as well, lest a method be
+judged only where its own detector saw a contact."""
+
+
 @dataclass(frozen=True, eq=False)
 class GroundContacts:
     """Contacts of points with the ground."""
@@ -136,6 +152,7 @@ def ground_contacts(
     leg_length: float,
     feet: int | None = None,
     body: Float[Array, "frames joints 3"] | None = None,
+    rule: RestingRule = HELD_RULE,
 ) -> GroundContacts:
     """Find when each point rests on the floor, or on something higher that carries the body (a stair, a box).
 
@@ -147,7 +164,7 @@ def ground_contacts(
     """
     speed = speeds(points, fps) / leg_length
     peak = _running_maximum(speed, int(round(PEAK_WINDOW * fps)))
-    slow = speed < np.maximum(ENTER_SPEED, ENTER_SHARE * peak)
+    slow = speed < np.maximum(rule.enter_speed, ENTER_SHARE * peak)
     floor = floor_height(points, slow, leg_length)
     if feet is not None:
         of_feet = floor_height(points[:, :feet], slow[:, :feet], leg_length)
@@ -155,8 +172,8 @@ def ground_contacts(
     if body is not None and (body[:, 0, 1] - floor > STANDING * leg_length).sum() < 3:
         floor = min(floor, float(np.percentile(body[..., 1].min(axis=1), 10)) - THICKNESS * leg_length)
     height = points[..., 1] - floor
-    still = hysteresis(slow, speed < np.maximum(LEAVE_SPEED, LEAVE_SHARE * peak))
-    low = height < HEIGHT * leg_length
+    still = hysteresis(slow, speed < np.maximum(rule.leave_speed, LEAVE_SHARE * peak))
+    low = height < rule.height * leg_length
     # A raised point must come to a real rest: half the speed, and not drift while it does.
     raised = hysteresis(speed < 0.5 * ENTER_SPEED, speed < ENTER_SPEED) & ~low
     still &= ~sliding(points, still, fps, leg_length)

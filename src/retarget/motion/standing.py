@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from retarget.contact.ground import GroundContacts, ground_contacts
+from retarget.contact.ground import HELD_RULE, GroundContacts, RestingRule, ground_contacts
 from retarget.contact.support import BODY_JOINTS, SupportLimb, leg_length, support_points
 from retarget.motion.align import Actor
 
@@ -26,10 +26,11 @@ def standing_contacts(
     rotations: Float[Array, "frames joints 4"],
     positions: Float[Array, "frames joints 3"],
     fps: float,
+    rule: RestingRule = HELD_RULE,
 ) -> GroundContacts:
     """Ground contacts of all points of an actor's support limbs, from its world pose. The feet, and for who never
     stands up the rest of the body, tell where the floor is."""
     points = support_points(limbs, rotations, positions)
     feet = sum(path.shape[1] for path in points[:LEGS])
     leg = leg_length(actor.skeleton, actor.humanoid)
-    return ground_contacts(np.concatenate(points, axis=1), fps, leg, feet, carrier_positions(actor, positions))
+    return ground_contacts(np.concatenate(points, axis=1), fps, leg, feet, carrier_positions(actor, positions), rule)

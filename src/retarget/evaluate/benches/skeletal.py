@@ -18,6 +18,7 @@ import numpy as np
 from retarget.body.human import PRESETS, human
 from retarget.body.kinematics import world_pose
 from retarget.character import Character, Motion
+from retarget.contact.ground import WIDE_RULE
 from retarget.contact.support import leg_length, support_limbs, support_points
 from retarget.correspond.joints import REQUIRED_JOINTS
 from retarget.errors import RetargetError
@@ -53,6 +54,7 @@ LONGEST = 20.0
 """Seconds of a real clip that are measured; a walk does not get truer by the minute."""
 FOOT_POINTS = slice(0, 4)
 AXES_SEED = 1
+UPPER, LOWER = ("head", "leftHand", "rightHand"), ("hips", "leftFoot", "rightFoot")
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +80,8 @@ def run(quick: bool = False) -> dict[str, Any]:
         "foot_slide_cm",
         "floor_error_cm",
         "jerk_ratio",
+        "foot_slide_wide_cm",
+        "lower_jerk_ratio",
         "upper_jerk_ratio",
     ):
         summary[key] = _mean(row[key] for row in rows)
@@ -197,6 +201,8 @@ def _contact_figures(case: Case, held: Result) -> dict[str, float | None]:
     scale = held.stats["scale"]
     floor = held.stats["target_floor_m"]
     support = (contacts.support - contacts.floor) * scale + floor
+    wide = standing_contacts(case.source, limbs[case.source], *pose, case.motion.fps, WIDE_RULE).touching
+    wide_slides = metrics.foot_slide_cm(points[:, FOOT_POINTS], wide[:, FOOT_POINTS], case.target.height)
     slides = metrics.foot_slide_cm(points[:, FOOT_POINTS], touching[:, FOOT_POINTS], case.target.height)
     errors = metrics.floor_error_cm(
         points[:, FOOT_POINTS], touching[:, FOOT_POINTS], support[:, FOOT_POINTS], case.target.height
@@ -205,6 +211,7 @@ def _contact_figures(case: Case, held: Result) -> dict[str, float | None]:
     mean = lambda values: float(values.mean()) if len(values) else None  # noqa: E731
     return {
         "foot_slide_cm": mean(slides),
+        "foot_slide_wide_cm": mean(wide_slides),
         "source_slide_cm": mean(source_slides),
         "floor_error_cm": mean(errors),
         "contacts": len(slides),
@@ -220,11 +227,13 @@ def _smoothness(case: Case, held: Result) -> dict[str, float | None]:
             jerks.append(metrics.jerk(chosen, FPS, length(actor)))
         return jerks[1] / jerks[0] if jerks[0] > 1e-3 else None
 
+    def leg(actor: Actor) -> float:
+        return leg_length(actor.skeleton, actor.humanoid)
+
     return {
-        "jerk_ratio": ratio(
-            ("hips", "leftFoot", "rightFoot"), lambda actor: leg_length(actor.skeleton, actor.humanoid)
-        ),
-        "upper_jerk_ratio": ratio(("head", "leftHand", "rightHand"), lambda actor: actor.height),
+        "jerk_ratio": ratio(UPPER + LOWER, leg),
+        "lower_jerk_ratio": ratio(LOWER, leg),
+        "upper_jerk_ratio": ratio(UPPER, lambda actor: actor.height),
     }
 
 
