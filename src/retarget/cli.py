@@ -101,6 +101,9 @@ def run(
     foot_lock: Annotated[
         bool, typer.Option("--foot-lock/--no-foot-lock", help="Hold what rests on the ground.")
     ] = True,
+    steady: Annotated[
+        bool, typer.Option("--steady/--no-steady", help="Filter shake that the character's proportions would enlarge.")
+    ] = True,
     animation_only: Annotated[
         bool, typer.Option("--animation-only", help="Write joints and animation, no surface.")
     ] = False,
@@ -125,8 +128,8 @@ def run(
         raise RetargetError(f"give at least one motion and, last, the character; received only {inputs[0]}")
     order = Order(
         motions=tuple(inputs[:-1]), target=inputs[-1], output=output, clip=clip, all_clips=all_clips, start=start, end=end,
-        fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock}, animation_only=animation_only,
-        map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
+        fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock, "steady": steady},
+        animation_only=animation_only, map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
     )  # fmt: skip
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
 
@@ -230,4 +233,4 @@ def bench(
     _listen(verbose)
     from retarget.commands import run_bench
 
-    _say(run_bench(name, quick, json_file), False)
+    _say(run_bench(name, quick, json_file, progress=sys.stderr.isatty()), False)

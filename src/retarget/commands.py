@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from retarget.io.asset import Asset
 from retarget.io.whole_file import written_whole
 from retarget.methods import Result, save_results
 from retarget.motion.filter import cut, resample
+from retarget.progress import progress_line
 from retarget.retargeting import Hints, Production, cast, prepare
 
 log = logging.getLogger("retarget")
@@ -54,10 +54,12 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     source_hints, target_hints = _hints(order)
     target = cast(order.target, target_hints)
     done, waiting = [], []
-    with _progress(progress, len(files)) as advance:
+    with progress_line(progress, len(files)) as tell:
         for number, file in enumerate(files):
+            tell(f"reading {file.name}")
             asset = load(file)
             for clip in _wanted_clips(asset, order):
+                tell(f"retargeting {file.stem}")
                 motion = _trimmed(asset.motion(clip), order)
                 production = prepare(cast(asset, source_hints, motion), target, order.method, **order.settings)
                 started = time.perf_counter()
@@ -65,12 +67,14 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
                 done.append(_report_clip(file, motion, result, production, time.perf_counter() - started))
                 waiting.append(result)
             if one_file_each:
+                tell(f"writing {names[number].name}")
                 order.output.mkdir(parents=True, exist_ok=True)
                 _write(names[number], waiting, order, done)
                 waiting = []
-            advance()
-    if not one_file_each:
-        _write(order.output, waiting, order, done)
+            tell("", 1)
+        if not one_file_each:
+            tell(f"writing {order.output.name}")
+            _write(order.output, waiting, order, done)
     lines = [line for each in done for line in _lines_of(each)]
     return {"clips": done, "lines": lines}
 
@@ -175,20 +179,6 @@ def _lines_of(clip: Mapping[str, Any]) -> list[str]:
     seconds = (clip["frames"] - 1) / clip["fps"]
     line = f"{clip['motion']} [{clip['clip']}] -> {clip['output']}: {clip['frames']} frames, {seconds:.2f} s at {clip['fps']:g} fps"
     return [line if clip["status"] == "ok" else f"{line} ({clip['status']})"]
-
-
-@contextmanager
-def _progress(shown: bool, total: int) -> Iterator[Any]:
-    """A progress bar on standard error when someone watches and there is more than one file."""
-    if not shown or total < 2:
-        yield lambda: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("retargeting", total=total)
-        yield lambda: bar.advance(task)
 
 
 def describe(path: Path) -> dict[str, Any]:
@@ -343,7 +333,7 @@ def _direction(view: str) -> str | float:
         return view
 
 
-def run_bench(name: str, quick: bool, json_file: Path | None) -> dict[str, Any]:
+def run_bench(name: str, quick: bool, json_file: Path | None, progress: bool = False) -> dict[str, Any]:
     """Run a bench and print its table."""
     import json
 
@@ -354,7 +344,8 @@ def run_bench(name: str, quick: bool, json_file: Path | None) -> dict[str, Any]:
         raise unknown_name("bench", name, BENCHES, "this version")
     if json_file is not None and not json_file.parent.is_dir():
         raise FileError(json_file, f"the folder {json_file.parent} does not exist")
-    report = load_bench(name).run(quick=quick)
+    with progress_line(progress) as tell:
+        report = load_bench(name).run(quick=quick, tell=tell)
     if json_file is not None:
         with written_whole(json_file) as file:
             file.write(json.dumps({key: value for key, value in report.items() if key != "lines"}, indent=1).encode())

@@ -109,7 +109,7 @@ class Production:
 def prepare(source: Actor, target: Actor, method: str | Method = "auto", **settings: Any) -> Production:
     """Match a source and a target once, for many clips.
 
-    Settings are the method's fields (`CopyRotations`: foot_lock, limits, in_place). Raises `RetargetError` for an unknown
+    Settings are the method's fields (`CopyRotations`: foot_lock, steady, limits, in_place). Raises `RetargetError` for an unknown
     method or setting, or bodies that do not match.
     """
     chosen = method if isinstance(method, Method) else choose_method(method, settings)

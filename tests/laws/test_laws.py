@@ -2,7 +2,7 @@
 
 import inspect
 from dataclasses import fields, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -32,16 +32,15 @@ from retarget.retargeting import prepare
 
 
 def law(name):
-    """Run a test for every method that promises the law, with and without holding feet where the method can do both."""
+    """Run a test for every method that promises the law, with and without looking ahead where the method can do both."""
     assert name in LAWS
     cases = []
     for method, kind in METHODS.items():
         if name in kind.laws:
-            locks = [True, False] if "foot_lock" in {field.name for field in fields(kind)} else [None]
-            cases += [
-                pytest.param(kind if lock is None else (lambda k=kind, v=lock: k(foot_lock=v)), id=f"{method}-{lock}")
-                for lock in locks
-            ]
+            looking = {"foot_lock", "steady"} & {field.name for field in fields(kind)}
+            for ahead in (True, False) if looking else (True,):
+                settings = dict.fromkeys(sorted(looking), ahead)
+                cases.append(pytest.param(partial(kind, **settings), id=f"{method}-{ahead}"))
     return pytest.mark.parametrize("make", cases)
 
 

@@ -8,6 +8,7 @@ FORMULAS = {
     "foot_slide_cm": "per contact of heel or ball in the source: largest horizontal distance of the target's point from its mean place over the contact; mean over contacts, cm at 1.7 m",
     "floor_error_cm": "frames with contact: |height of the lowest resting point over its support|; mean, cm at 1.7 m",
     "foot_slide_wide_cm": "the same over contacts by wider thresholds than those the method holds by (more of landing and leaving)",
+    "source_slide_wide_cm": "the source's own slide over those contacts, cm at 1.7 m",
     "jerk_ratio": "mean |third difference| of hips, head, hands and feet at 30 frames/s over leg length, target over source; mean over cases",
     "lower_jerk_ratio": "the same of hips and feet alone",
     "upper_jerk_ratio": "the same of head and hands alone, over body height (a leg length charges short legs for long arms)",

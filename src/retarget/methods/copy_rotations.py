@@ -2,7 +2,8 @@
 
 Anatomical frames are carried over in world space, so limbs point where the source's point and palms, feet and head
 are turned as the source's are, whatever the two rest poses. The root path scales with the leg length. What rests on the
-ground in the source is found and held in the result (`foot_lock`); all else is the source's rotation, untouched.
+ground in the source is found and held in the result (`foot_lock`). Shake that the target's proportions would enlarge is
+filtered (`steady`); all else is the source's rotation, untouched.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from retarget.motion.filter import FASTEST
 from retarget.motion.foot_lock import body_lift, hip_drop, limb_goal, reach_goals
 from retarget.motion.limits import Limit, ease_into_limits, joint_limits
 from retarget.motion.standing import LEGS, carrier_positions, standing_contacts
+from retarget.motion.steady import END_JOINTS, LONGEST_SIGMA, MORE_SHAKE, STILL, lightest, low_pass, shake
 
 Array = np.ndarray
 
@@ -45,12 +47,14 @@ LOW = 0.15
 class CopyRotations(Method):
     """Copy every joint's rotation; scale the path; hold ground contacts.
 
-    With `foot_lock` a clip is looked at as a whole (contacts are smoothed in and out), so stepping online, which cannot
-    look ahead, leaves contacts as they come; without it both agree exactly.
+    With `foot_lock` and `steady` a clip is looked at as a whole, so stepping online, which cannot look ahead, leaves
+    contacts and shake as they come; without them both agree exactly.
     """
 
     foot_lock: bool = True
     """Hold feet and hands that rest on the ground in the source."""
+    steady: bool = True
+    """Filter what longer limbs would add to the source's shake (`motion.steady`)."""
     limits: bool = True
     """Ease rotations that no body can do into soft joint limits."""
     in_place: bool = False
@@ -124,12 +128,16 @@ class PreparedCopy(Retargeter):
         if contacts is not None:  # a clip that never lands keeps its own ground, unless it sinks below
             source_floor = contacts.floor if contacts.touching.any() else min(contacts.floor, source_floor)
         world, hips = self._copy(rotations, positions, source_floor)
+        sigma = self._sigma(positions, world, hips, motion.fps) if self.settings.steady else 0.0
+        if sigma > 0:
+            world, hips = low_pass(world, hips, sigma * motion.fps)
         placed = positions_of(self.plan.target, world, self.plan.target_hips, hips)
         stats: dict[str, Any] = {
             "scale": self.plan.scale,
             "source_floor_m": source_floor,
             "target_floor_m": self.floor,
             "resting_joints": list(self.plan.unmatched),
+            "low_pass_s": sigma,
         }
         if contacts is not None:
             stats["contact_frames"] = int(contacts.touching.any(axis=1).sum())
@@ -175,6 +183,21 @@ class PreparedCopy(Retargeter):
         local = positions_of(plan.target, world, hips, np.zeros((len(world), 3)))
         middle = local[:, plan.target_sockets].mean(axis=1)
         return world, sockets - middle
+
+    def _sigma(self, source: Float[Array, "frames joints 3"], world: Array, hips: Array, fps: float) -> float:
+        """Seconds of low-pass that keep the result's shake within the source's; 0 for a body that adds none."""
+        joints = [self.source.humanoid.joints[name] for name in END_JOINTS]
+        allowed = shake(source[:, joints], fps, leg_length(self.source.skeleton, self.source.humanoid))
+
+        def shown(sigma: float) -> float:
+            turned, path = low_pass(world, hips, sigma * fps)
+            placed = positions_of(self.plan.target, turned, self.plan.target_hips, path)
+            joints = [self.target.humanoid.joints[name] for name in END_JOINTS]
+            return shake(placed[:, joints], fps, self.target_leg)
+
+        if allowed < STILL:
+            return 0.0
+        return lightest(shown, MORE_SHAKE * allowed, LONGEST_SIGMA)
 
     def _hold(
         self,

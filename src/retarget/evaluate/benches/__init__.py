@@ -1,4 +1,4 @@
-"""Benches by name; each module has `run(quick) -> report` with a flat `summary`, `rows`, `environment` and `lines`."""
+"""Benches by name; each module has `run(quick, tell) -> report` with a flat `summary`, `rows`, `environment` and `lines`."""
 
 from __future__ import annotations
 

@@ -45,6 +45,7 @@ from retarget.motion.align import Actor
 from retarget.motion.filter import resample
 from retarget.motion.library import PERFORMER, embedded_motion, motion_names
 from retarget.motion.standing import standing_contacts
+from retarget.progress import Tell, untold
 from retarget.retargeting import cast, prepare
 
 log = logging.getLogger("retarget")
@@ -70,9 +71,14 @@ class Case:
     """In the source actor's space."""
 
 
-def run(quick: bool = False) -> dict[str, Any]:
+def run(quick: bool = False, tell: Tell = untold) -> dict[str, Any]:
     """Every case once with and once without foot lock; then the tables."""
-    rows = [measure(case) for case in cases(quick)]
+    rows = []
+    for case in cases(quick):
+        tell(f"{case.source_name} -> {case.target_name}")
+        rows.append(measure(case))
+        tell("", 1)
+    tell("joint matching, round trips, timings")
     summary: dict[str, float | None] = match_rates()
     for key in (
         "direction_error_deg",
@@ -81,6 +87,7 @@ def run(quick: bool = False) -> dict[str, Any]:
         "floor_error_cm",
         "jerk_ratio",
         "foot_slide_wide_cm",
+        "source_slide_wide_cm",
         "lower_jerk_ratio",
         "upper_jerk_ratio",
     ):
@@ -213,6 +220,9 @@ def _contact_figures(case: Case, held: Result) -> dict[str, float | None]:
         "foot_slide_cm": mean(slides),
         "foot_slide_wide_cm": mean(wide_slides),
         "source_slide_cm": mean(source_slides),
+        "source_slide_wide_cm": mean(
+            metrics.foot_slide_cm(source_points[:, FOOT_POINTS], wide[:, FOOT_POINTS], case.source.height)
+        ),
         "floor_error_cm": mean(errors),
         "contacts": len(slides),
     }
