@@ -1,63 +1,89 @@
-"""Metrics against values worked out by hand."""
+"""The measures as a whole: each has its sentence, its way in and its docstring; what they stand on."""
+
+import importlib
+import inspect
+import warnings
 
 import numpy as np
 import pytest
 
+from retarget.body import rotations as rot
+from retarget.errors import RetargetError
+from retarget.evaluate import metrics
 from retarget.evaluate.formulas import FORMULAS
-from retarget.evaluate.metrics import angle_error_degrees, floor_error_cm, foot_slide_cm, jerk, position_error_cm
+from retarget.evaluate.metrics.basis import at_reference_height, mean, procrustes, require_alike
+
+MODULES = ("skeletal", "surface", "interaction", "rig")
 
 
-def test_angles():
-    x, y = np.array([[[2.0, 0, 0]]]), np.array([[[0, 0.5, 0]]])
-    assert angle_error_degrees(x, y)[0, 0] == pytest.approx(90)
-    assert angle_error_degrees(x, x)[0, 0] == 0
-    assert angle_error_degrees(x, -x)[0, 0] == pytest.approx(180)
-    tiny = np.array([[[1.0, 1e-6, 0]]])
-    assert angle_error_degrees(x, tiny)[0, 0] == pytest.approx(np.degrees(1e-6), rel=1e-6), (
-        "exact near zero, unlike arccos"
-    )
+def public_functions():
+    for name in MODULES:
+        module = importlib.import_module(f"retarget.evaluate.metrics.{name}")
+        for function in vars(module).values():
+            if (
+                inspect.isfunction(function)
+                and function.__module__ == module.__name__
+                and not function.__name__.startswith("_")
+            ):
+                yield function
 
 
-def test_a_slide_of_4_cm():
-    points = np.zeros((6, 1, 3))
-    points[1:5, 0, 0] = [0.0, 0.0, 0.04, 0.04]  # mean 0.02: every frame is 2 cm from it
-    points[1:5, 0, 1] = [0, 9, 0, 9]  # heights do not count
-    touching = np.array([0, 1, 1, 1, 1, 0], bool)[:, None]
-    assert foot_slide_cm(points, touching, 1.7) == pytest.approx([2.0])
-    assert foot_slide_cm(points, touching, 0.85) == pytest.approx([4.0]), "quoted at 1.7 m"
-
-
-def test_one_value_a_contact():
-    points = np.zeros((7, 2, 3))
-    touching = np.array([[1, 1], [1, 0], [0, 0], [1, 0], [0, 1], [0, 1], [1, 1]], bool)
-    assert len(foot_slide_cm(points, touching, 1.7)) == 5
-    assert len(foot_slide_cm(points, np.zeros((7, 2), bool), 1.7)) == 0
-
-
-def test_floor_error_is_that_of_the_lowest_resting_point():
-    points = np.zeros((3, 2, 3))
-    points[..., 1] = [[0.01, 0.05], [-0.02, 0.03], [0.5, 0.5]]
-    touching = np.array([[1, 1], [1, 0], [0, 0]], bool)
-    assert floor_error_cm(points, touching, np.zeros((3, 2)), 1.7) == pytest.approx([1.0, 2.0])
-    assert floor_error_cm(points, touching, np.zeros((3, 2)) + 0.01, 1.7) == pytest.approx([0.0, 3.0])
-
-
-def test_jerk_of_a_cubic():
-    time = np.arange(20) / 10.0
-    points = np.zeros((20, 1, 3))
-    points[:, 0, 2] = time**3  # third derivative 6 m/s³
-    assert jerk(points, 10.0, 0.5) == pytest.approx(12.0)
-    points[:, 0, 2] = time**2
-    assert jerk(points, 10.0, 0.5) == pytest.approx(0.0, abs=1e-9)
-    assert jerk(points[:3], 10.0, 0.5) == 0.0
-
-
-def test_joint_distance():
-    a, b = np.zeros((2, 2, 3)), np.zeros((2, 2, 3))
-    b[0, 0] = [0.03, 0.04, 0]
-    assert position_error_cm(a, b, 1.7) == pytest.approx(5 / 4)
-    assert position_error_cm(a, b, 3.4) == pytest.approx(5 / 8)
+@pytest.mark.parametrize("function", list(public_functions()), ids=lambda function: function.__name__)
+def test_every_metric_has_its_sentence_and_can_be_imported(function):
+    assert len(FORMULAS[function.__name__]) > 12
+    assert getattr(metrics, function.__name__) is function
+    assert function.__name__ in metrics.__all__
+    assert len(inspect.getdoc(function)) > 40
 
 
 def test_every_summary_key_has_its_formula_in_words():
-    assert all(len(sentence) > 20 for sentence in FORMULAS.values())
+    assert all(len(sentence) > 12 for sentence in FORMULAS.values())
+
+
+def test_every_public_name_resolves():
+    assert all(hasattr(metrics, name) for name in metrics.__all__)
+    assert metrics.__all__ == sorted(metrics.__all__)
+
+
+def test_lengths_are_quoted_at_the_reference_height():
+    assert at_reference_height(0.85, 0.85) == pytest.approx(1.7)
+    assert at_reference_height(0.1, 1.7) == pytest.approx(0.1)
+    for height in (0.0, -1.7, float("nan"), float("inf")):
+        with pytest.raises(RetargetError, match="height must be positive"):
+            at_reference_height(0.1, height)
+
+
+def test_arrays_that_would_broadcast_are_refused():
+    with pytest.raises(RetargetError, match=r"result has shape \(1, 4, 3\), truth \(5, 4, 3\)"):
+        require_alike(truth=np.zeros((5, 4, 3)), result=np.zeros((1, 4, 3)))
+
+
+def test_a_mean_over_nothing_is_nan_without_a_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isnan(mean(np.zeros(0)))
+
+
+def test_alignment_undoes_a_rigid_movement_of_each_frame_and_nothing_else():
+    random = np.random.default_rng(0)
+    truth = random.normal(size=(4, 7, 3))
+    turns = rot.normalise(random.normal(size=(4, 1, 4)))
+    moved = rot.rotate(turns, truth) + random.normal(size=(4, 1, 3))
+    np.testing.assert_allclose(procrustes(moved, truth), truth, atol=1e-12)
+    centred = truth - truth.mean(axis=1, keepdims=True)
+    np.testing.assert_allclose(procrustes(2 * truth, truth), truth + centred, atol=1e-12, err_msg="scale stays")
+    mirrored = procrustes(truth * [-1, 1, 1], truth)
+    assert np.linalg.norm(mirrored - truth, axis=-1).mean() > 0.1, "a mirror image is not a movement"
+    sides = np.linalg.norm(mirrored[:, 1:] - mirrored[:, :1], axis=-1)
+    np.testing.assert_allclose(sides, np.linalg.norm(truth[:, 1:] - truth[:, :1], axis=-1), atol=1e-12)
+
+
+def test_alignment_is_the_best_one():
+    random = np.random.default_rng(1)
+    truth, result = random.normal(size=(2, 1, 6, 3))
+    aligned = procrustes(result, truth)
+    least = ((aligned - truth) ** 2).sum()
+    for _ in range(50):
+        turn = rot.from_rotation_vector(0.05 * random.normal(size=(1, 1, 3)))
+        other = rot.rotate(turn, aligned) + 0.05 * random.normal(size=3)
+        assert ((other - truth) ** 2).sum() > least

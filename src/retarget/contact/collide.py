@@ -1,0 +1,357 @@
+"""Where a posed body penetrates itself: signed distances of its vertices to its other parts.
+
+Every part of the body is closed by fans over its seams (Basset 2019, section 4.2.1) and tested as a solid of its own. A
+vertex is inside a solid if a ray from it crosses it an odd number of times; its depth is the distance to the solid's skin,
+the fans left out, because what matters is the way out. Both are exact; boxes over the faces, refitted to each pose, and a
+grid over their shadows make them fast. The spike that led here stands in `docs/collision.md`.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from retarget.body.skinning import rest_vertices
+from retarget.character import Character
+from retarget.contact.parts import PARTS, BodyParts, body_parts
+from retarget.correspond.joints import Humanoid
+from retarget.geometry.distance import edge_graph, within
+from retarget.geometry.topology import closing_fans
+
+Array = np.ndarray
+log = logging.getLogger("retarget")
+
+NEIGHBOURHOOD = 0.08
+"""Share of the body's height: what lies closer to a part along the skin at rest is not tested against it, because skin
+folds at every joint. Ours."""
+LEAF = 2
+"""Faces in a leaf of the box hierarchy."""
+THREADS = 2
+"""Threads that share a query; more gain little on a body."""
+
+_ADJACENT = frozenset(
+    frozenset(pair)
+    for pair in (
+        ("head", "neck"), ("head", "chest"), ("neck", "chest"), ("chest", "abdomen"), ("chest", "pelvis"),
+        ("abdomen", "pelvis"),
+        *((f"{side}{a}", f"{side}{b}") for side in ("left", "right")
+          for a, b in (("UpperArm", "Forearm"), ("Forearm", "Hand"), ("Thigh", "Shin"), ("Shin", "Foot"))),
+        *((trunk, f"{side}{limb}") for side in ("left", "right")
+          for trunk, limb in (("chest", "UpperArm"), ("pelvis", "Thigh"), ("abdomen", "Thigh"))),
+    )
+)  # fmt: skip
+"""Parts that meet in a joint, for bodies made of several pieces."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePairs:
+    """Vertices of a posed body beside, or inside, parts they do not belong to. One row a vertex and solid."""
+
+    vertex: Int[Array, "pairs"]
+    part: Int[Array, "pairs"]
+    """Index into `PARTS` of the other part."""
+    distance: Float[Array, "pairs"]
+    """Signed, metres: negative inside."""
+    point: Float[Array, "pairs 3"]
+    """Nearest point of the other part's skin, metres."""
+    normal: Float[Array, "pairs 3"]
+    """Gradient of the signed distance by the vertex's place: unit, leads out of the part."""
+    face: Int[Array, "pairs"]
+    """Face of the mesh that the nearest point lies on."""
+    barycentric: Float[Array, "pairs 3"]
+    """The nearest point in that face."""
+
+
+@dataclass(frozen=True, eq=False)
+class Collider:
+    """A body prepared for collision tests; `prepare_collider` makes one."""
+
+    parts: BodyParts
+    solid_parts: Int[Array, "solids"]
+    """Part that each solid is (a piece of) ."""
+    excluded: Bool[Array, "vertices solids"]
+    """Pairs that are never tested: a vertex and its own part, what is near a joint, what overlaps at rest."""
+    blocks: Blocks
+    """Vertices that are tested: one of each place, of body pieces."""
+    shares: tuple[Blocks, ...]
+    """The same, dealt out to `THREADS` threads."""
+    corners: Int[Array, "triangles 3"]
+    """All solids' triangles, one solid after the other, skin first and then closing fans; vertices first and then rims."""
+    mesh_faces: Int[Array, "triangles"]
+    """The mesh's face that each skin triangle is, -1 for fans."""
+    starts: Int[Array, "_"]
+    """First triangle of each solid, and the end."""
+    rims: Int[Array, "_"]
+    """Vertices of each rim, one rim after the other; a rim's centroid closes it."""
+    rim_starts: Int[Array, "_"]
+    """First place of each rim, and the end."""
+    tree: BoxTree
+
+    def pairs(self, vertices: Float[Array, "vertices 3"], reach: float = 0.0) -> SurfacePairs:
+        """All pairs of a posed body that penetrate, and those within `reach` metres outside. Rows come by vertex and part."""
+        posed = self._posed(vertices)
+        # Every other block for each thread: parts that touch are spread over both.
+        found = list(_threads().map(lambda share: self._search(posed, share, reach), self.shares))
+        return self._rows(posed[0], [np.concatenate(column) for column in zip(*found)])
+
+    def depths(self, vertices: Float[Array, "frames vertices 3"]) -> Float[Array, "frames vertices"]:
+        """How deep each vertex is in other parts (metres, 0 outside), over many frames; the deepest part counts. Vertices
+        that lie on one place at rest have one depth; vertices that are no body have 0."""
+
+        def of_frame(frame: int) -> Array:
+            vertex, *_, distance = self._search(self._posed(vertices[frame]), self.blocks, 0.0)
+            depth = np.zeros(vertices.shape[1])
+            np.maximum.at(depth, vertex, -distance)
+            return depth[self.parts.welded]
+
+        return np.stack(list(_threads().map(of_frame, range(len(vertices))))) if len(vertices) else np.zeros((0, 0))
+
+    def without(self, vertices: Int[Array, "_"], part: Int[Array, "_"]) -> Collider:
+        """The same collider that never tests these pairs of vertex and part either."""
+        excluded = self.excluded.copy()
+        for solid in range(len(self.solid_parts)):
+            excluded[vertices[part == self.solid_parts[solid]], solid] = True
+        return _with_exclusions(self, excluded)
+
+    def _posed(self, vertices: Float[Array, "vertices 3"]) -> tuple[Array, Array, Array]:
+        """Vertices and rim centres, and the boxes over them."""
+        from retarget.contact import kernels
+
+        _announce()
+        rims, tree = self.rim_starts, self.tree
+        points = np.empty((len(vertices) + len(rims) - 1, 3))
+        points[: len(vertices)] = vertices
+        kernels.rim_centres(points, self.rims, rims, len(vertices))
+        low, high = np.empty((2, len(tree.lefts), 3))
+        kernels.refit(points, self.corners, tree.lefts, tree.firsts, tree.counts, low, high)
+        return points, low, high
+
+    def _search(self, posed: tuple[Array, Array, Array], blocks: Blocks, reach: float) -> tuple[Array, ...]:
+        """Columns vertex, solid, triangle, its second and third barycentric coordinate, signed distance."""
+        from retarget.contact import kernels
+
+        points, low, high = posed
+        tree, room = self.tree, 2 * len(blocks.vertices) + 64
+        while True:
+            found = [np.empty(room, dtype=np.int32) for _ in range(3)] + [np.empty(room) for _ in range(3)]
+            count = kernels.near_pairs(
+                points, blocks.vertices, self.excluded, blocks.excluded, self.corners, self.starts, tree.skin_stops,
+                tree.roots, tree.lefts, tree.firsts, tree.counts, low, high, float(reach), *found,
+            )  # fmt: skip
+            if count <= room:
+                return tuple(column[:count] for column in found)
+            room = count
+
+    def _rows(self, points: Array, found: list[Array]) -> SurfacePairs:
+        vertex, solid, triangle, v, w, distance = found
+        order = np.lexsort((solid, vertex))
+        vertex, solid, triangle, v, w, distance = (column[order] for column in found)
+        corners = points[self.corners[triangle]]
+        barycentric = np.stack([1.0 - v - w, v, w], axis=1)
+        nearest = (barycentric[:, :, None] * corners).sum(axis=1)
+        away = (points[vertex] - nearest) * np.sign(distance)[:, None]
+        length = np.linalg.norm(away, axis=1)
+        facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        flat = length < 1e-9  # on the surface itself the face tells the way out
+        away[flat], length[flat] = facing[flat], np.linalg.norm(facing[flat], axis=1)
+        normal = away / np.maximum(length, 1e-300)[:, None]
+        part = self.solid_parts[solid]
+        return SurfacePairs(
+            vertex.astype(np.int64), part, distance, nearest, normal, self.mesh_faces[triangle], barycentric
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Tested vertices in blocks of neighbours, `kernels.BLOCK` each (the last may be shorter)."""
+
+    vertices: Int[Array, "_"]
+    excluded: Bool[Array, "blocks solids"]
+    """Blocks whose vertices are all excluded from a solid."""
+
+    def share(self, number: int, of: int, size: int) -> Blocks:
+        """Every `of`-th block of `size` vertices: parts that touch are spread over all shares."""
+        starts = range(number * size, len(self.vertices), of * size)
+        chosen = [self.vertices[start : start + size] for start in starts]
+        return Blocks(np.concatenate([self.vertices[:0], *chosen]), np.ascontiguousarray(self.excluded[number::of]))
+
+
+@dataclass(frozen=True, eq=False)
+class BoxTree:
+    """Boxes over the skin triangles of every solid, parents before children; the right child follows the left."""
+
+    roots: Int[Array, "solids"]
+    skin_stops: Int[Array, "solids"]
+    """End of each solid's skin triangles; its fans follow."""
+    lefts: Int[Array, "nodes"]
+    """Left child, -1 for leaves."""
+    firsts: Int[Array, "nodes"]
+    counts: Int[Array, "nodes"]
+
+
+def prepare_collider(character: Character, humanoid: Humanoid, parts: BodyParts | None = None) -> Collider:
+    """Solids, exclusions and search structures of a character. Raises `RetargetError` for one without a surface."""
+    parts = body_parts(character, humanoid) if parts is None else parts
+    rest = rest_vertices(character)
+    corners_of_mesh = parts.welded[character.mesh.faces]
+    groups = _solid_faces(parts)
+    triangles, mesh_faces, starts, stops, rims = [], [], [0], [], []
+    roots, lefts, firsts, counts = [], [], [], []
+    for _, faces in groups:
+        order, nodes = _boxes(rest[corners_of_mesh[faces]].mean(axis=1))
+        skin = corners_of_mesh[faces[order]]
+        caps, own_rims = closing_fans(skin, len(rest) + len(rims))
+        shift = starts[-1]
+        roots.append(len(lefts))
+        lefts += [left + roots[-1] if left >= 0 else -1 for left, _, _ in nodes]
+        firsts += [first + shift for _, first, _ in nodes]
+        counts += [count for _, _, count in nodes]
+        triangles += [skin, caps]
+        mesh_faces += [faces[order], np.full(len(caps), -1)]
+        rims += own_rims
+        stops.append(shift + len(skin))
+        starts.append(shift + len(skin) + len(caps))
+    integers = [np.array(column, dtype=np.int32) for column in (roots, stops, lefts, firsts, counts)]
+    excluded = _near_at_rest(rest, corners_of_mesh, parts, groups, character, humanoid)
+    tested = _neighbours_together(np.unique(corners_of_mesh[parts.body_faces]), rest, parts)
+    collider = Collider(
+        parts,
+        np.array([part for part, _ in groups], dtype=np.int64),
+        excluded,
+        Blocks(tested, excluded[:0]),
+        (),
+        np.concatenate(triangles).astype(np.int32) if triangles else np.zeros((0, 3), dtype=np.int32),
+        np.concatenate(mesh_faces) if mesh_faces else np.zeros(0, dtype=np.int64),
+        np.array(starts),
+        np.concatenate([np.zeros(0, dtype=np.int64), *rims]),
+        np.cumsum([0, *map(len, rims)]),
+        BoxTree(*integers),
+    )
+    return _without_overlaps_at_rest(_with_exclusions(collider, excluded), rest)
+
+
+def _solid_faces(parts: BodyParts) -> list[tuple[int, Int[Array, "_"]]]:
+    """(part, faces) of every solid: each body piece's share of each part."""
+    groups = []
+    for piece, kind in enumerate(parts.piece_kinds):
+        if kind == "body":
+            own = np.flatnonzero(parts.face_pieces == piece)
+            groups += [(int(part), own[parts.face_parts[own] == part]) for part in np.unique(parts.face_parts[own])]
+    return groups
+
+
+def _boxes(centres: Float[Array, "faces 3"]) -> tuple[Int[Array, "faces"], list[tuple[int, int, int]]]:
+    """Order of the faces and nodes (left, first, count) of a hierarchy of halves along the longest side."""
+    order = np.arange(len(centres))
+    nodes = [(-1, 0, len(centres))]
+    waiting = [0]
+    while waiting:
+        node = waiting.pop()
+        _, first, count = nodes[node]
+        if count <= LEAF:
+            continue
+        own = order[first : first + count]
+        axis = int(np.ptp(centres[own], axis=0).argmax())
+        half = count // 2
+        order[first : first + count] = own[np.argpartition(centres[own, axis], half)]
+        nodes[node] = (len(nodes), first, count)
+        waiting += [len(nodes), len(nodes) + 1]
+        nodes += [(-1, first, half), (-1, first + half, count - half)]
+    return order, nodes
+
+
+def _near_at_rest(
+    rest: Array,
+    corners: Array,
+    parts: BodyParts,
+    groups: Sequence[tuple[int, Array]],
+    character: Character,
+    humanoid: Humanoid,
+) -> Bool[Array, "vertices solids"]:
+    """A vertex and its own part, and what lies near it along the skin, or across the gap where pieces meet in a joint."""
+    from scipy.spatial import cKDTree
+
+    height = float(np.ptp(rest @ humanoid.axes[1]))
+    graph = edge_graph(rest, corners)
+    excluded = np.zeros((len(rest), len(groups)), dtype=bool)
+    for solid, (part, faces) in enumerate(groups):
+        own = np.unique(corners[faces])
+        excluded[:, solid] = within(graph, own, NEIGHBOURHOOD * height) | (parts.vertex_parts == part)
+        beside = [n for n, name in enumerate(PARTS) if frozenset((name, PARTS[part])) in _ADJACENT]
+        across = np.flatnonzero(np.isin(parts.vertex_parts, beside) & ~excluded[:, solid])
+        if len(across):
+            gap, _ = cKDTree(rest[own]).query(rest[across], distance_upper_bound=NEIGHBOURHOOD * height)
+            excluded[across[np.isfinite(gap)], solid] = True
+    return excluded
+
+
+def _without_overlaps_at_rest(collider: Collider, rest: Float[Array, "vertices 3"]) -> Collider:
+    """What overlaps at rest was built so (a hand in a sleeve, a belt): those pairs are left out."""
+    vertex, solid, *_ = collider._search(collider._posed(rest), collider.blocks, 0.0)
+    excluded = collider.excluded.copy()
+    excluded[vertex, solid] = True
+    return _with_exclusions(collider, excluded)
+
+
+def _with_exclusions(collider: Collider, excluded: Bool[Array, "vertices solids"]) -> Collider:
+    """The collider with these exclusions, its blocks told which of them are excluded as a whole."""
+    from retarget.contact import kernels
+
+    vertices = collider.blocks.vertices
+    starts = np.arange(0, len(vertices), kernels.BLOCK)
+    alike = np.logical_and.reduceat(excluded[vertices], starts, axis=0) if len(vertices) else excluded[:0]
+    blocks = Blocks(vertices, alike)
+    shares = tuple(blocks.share(number, THREADS, kernels.BLOCK) for number in range(THREADS))
+    return replace(collider, excluded=excluded, blocks=blocks, shares=shares)
+
+
+def _neighbours_together(tested: Int[Array, "_"], rest: Array, parts: BodyParts) -> Int[Array, "_"]:
+    """The tested vertices part by part, and neighbours beside each other."""
+    part = parts.vertex_parts[tested]
+    groups = [tested[part == each] for each in np.unique(part)]
+    return np.concatenate([tested[:0], *(own[_boxes(rest[own])[0]] for own in groups)])
+
+
+def compile_kernels() -> None:
+    """Compile the kernels and keep them on disk, so that no first user waits. Set-up calls this."""
+    from retarget.contact import kernels
+
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    triangles = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], dtype=np.int32)
+    tree = BoxTree(*(np.array(column, dtype=np.int32) for column in ([0], [4], [-1], [0], [4])))
+    parts = BodyParts(PARTS, np.zeros(4, int), np.zeros(4, int), np.arange(4), np.zeros(4, int), ("body",), triangles)
+    blocks = Blocks(np.arange(4), np.zeros((1, 1), dtype=bool))
+    Collider(
+        parts, np.zeros(1, int), np.zeros((4, 1), dtype=bool), blocks, (blocks,), triangles, np.arange(4),
+        np.array([0, 4]), np.zeros(0, int), np.array([0]), tree,
+    ).pairs(corners, 0.1)  # fmt: skip
+    assert kernels.compiled()
+
+
+_pool: ThreadPoolExecutor | None = None
+_announced = False
+
+
+def _threads() -> ThreadPoolExecutor:
+    """The threads that share queries, started on first use."""
+    global _pool
+    if _pool is None:
+        _pool = ThreadPoolExecutor(max_workers=min(THREADS, os.cpu_count() or 1))
+    return _pool
+
+
+def _announce() -> None:
+    """Say so when the kernels are about to be compiled."""
+    global _announced
+    if not _announced:
+        _announced = True
+        from retarget.contact import kernels
+
+        if not kernels.compiled():
+            log.warning("compiling the collision kernels (once, about ten seconds)")

@@ -1,0 +1,310 @@
+"""Compiled loops of `collide`: boxes over faces, nearest point of a surface, parity of rays. Import only where used.
+
+Compiled on first use and cached on disk (about ten seconds, once); every kernel releases the interpreter's lock, so that
+threads of Python share the work. Places are double precision throughout.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+BLOCK = 32
+"""Candidates that are dismissed together."""
+MOST_SIDE = 64
+MOST_CELLS = MOST_SIDE * MOST_SIDE
+"""Cells of a shadow grid."""
+
+_options = {"cache": True, "nogil": True, "error_model": "numpy", "boundscheck": False}
+
+
+@njit(**_options)
+def refit(points, faces, lefts, firsts, counts, low, high):
+    """Boxes of a hierarchy whose parents come before their children; `low`, `high` (nodes x 3) are overwritten."""
+    for node in range(len(lefts) - 1, -1, -1):
+        left = lefts[node]
+        if left >= 0:
+            for axis in range(3):
+                low[node, axis] = min(low[left, axis], low[left + 1, axis])
+                high[node, axis] = max(high[left, axis], high[left + 1, axis])
+            continue
+        for axis in range(3):
+            least, most = np.inf, -np.inf
+            for face in range(firsts[node], firsts[node] + counts[node]):
+                for corner in range(3):
+                    value = points[faces[face, corner], axis]
+                    least, most = min(least, value), max(most, value)
+            low[node, axis], high[node, axis] = least, most
+
+
+@njit(**_options)
+def _nearest_on_triangle(p, a, b, c):
+    """Barycentric coordinates (of b and c) of the point of a triangle nearest to p (Ericson 2005, section 5.1.5)."""
+    abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    apx, apy, apz = p[0] - a[0], p[1] - a[1], p[2] - a[2]
+    d1 = abx * apx + aby * apy + abz * apz
+    d2 = acx * apx + acy * apy + acz * apz
+    if d1 <= 0.0 and d2 <= 0.0:
+        return 0.0, 0.0
+    bpx, bpy, bpz = p[0] - b[0], p[1] - b[1], p[2] - b[2]
+    d3 = abx * bpx + aby * bpy + abz * bpz
+    d4 = acx * bpx + acy * bpy + acz * bpz
+    if d3 >= 0.0 and d4 <= d3:
+        return 1.0, 0.0
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        return (d1 / (d1 - d3) if d1 > d3 else 0.0), 0.0
+    cpx, cpy, cpz = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+    d5 = abx * cpx + aby * cpy + abz * cpz
+    d6 = acx * cpx + acy * cpy + acz * cpz
+    if d6 >= 0.0 and d5 <= d6:
+        return 0.0, 1.0
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return 0.0, (d2 / (d2 - d6) if d2 > d6 else 0.0)
+    va = d3 * d6 - d5 * d4
+    if va <= 0.0 and d4 >= d3 and d5 >= d6:
+        along = (d4 - d3) / ((d4 - d3) + (d5 - d6)) if (d4 - d3) + (d5 - d6) > 0.0 else 0.0
+        return 1.0 - along, along
+    total = va + vb + vc
+    if total <= 0.0:
+        return 0.0, 0.0
+    return vb / total, vc / total
+
+
+@njit(**_options)
+def _box_distance(p, low, high):
+    """Squared distance from a point to a box."""
+    total = 0.0
+    for axis in range(3):
+        gap = max(low[axis] - p[axis], p[axis] - high[axis], 0.0)
+        total += gap * gap
+    return total
+
+
+@njit(**_options)
+def _boxes_distance(low, high, other_low, other_high):
+    """Squared distance between two boxes."""
+    total = 0.0
+    for axis in range(3):
+        gap = max(other_low[axis] - high[axis], low[axis] - other_high[axis], 0.0)
+        total += gap * gap
+    return total
+
+
+@njit(**_options)
+def _nearest(p, root, points, faces, lefts, firsts, counts, low, high, bound, stack):
+    """(squared distance, face, barycentrics of its second and third corner); face -1 where none is nearer than `bound`."""
+    best, best_face, best_v, best_w = bound, -1, 0.0, 0.0
+    top = 0
+    stack[0] = root
+    while top >= 0:
+        node = stack[top]
+        top -= 1
+        if _box_distance(p, low[node], high[node]) >= best:
+            continue
+        left = lefts[node]
+        if left >= 0:
+            to_left, to_right = _box_distance(p, low[left], high[left]), _box_distance(p, low[left + 1], high[left + 1])
+            near, far = (left, left + 1) if to_left <= to_right else (left + 1, left)
+            if max(to_left, to_right) < best:
+                top += 1
+                stack[top] = far
+            if min(to_left, to_right) < best:
+                top += 1
+                stack[top] = near
+            continue
+        for face in range(firsts[node], firsts[node] + counts[node]):
+            a, b, c = points[faces[face, 0]], points[faces[face, 1]], points[faces[face, 2]]
+            v, w = _nearest_on_triangle(p, a, b, c)
+            total = 0.0
+            for axis in range(3):
+                gap = a[axis] + v * (b[axis] - a[axis]) + w * (c[axis] - a[axis]) - p[axis]
+                total += gap * gap
+            if total < best:
+                best, best_face, best_v, best_w = total, face, v, w
+    return best, best_face, best_v, best_w
+
+
+@njit(**_options)
+def rim_centres(points, rims, starts, first):
+    """Centroid of each rim's vertices, written from row `first` of the points on."""
+    for rim in range(len(starts) - 1):
+        for axis in range(3):
+            total = 0.0
+            for place in range(starts[rim], starts[rim + 1]):
+                total += points[rims[place], axis]
+            points[first + rim, axis] = total / (starts[rim + 1] - starts[rim])
+
+
+@njit(**_options)
+def _shadow_grid(points, faces, start, stop, left, right, down, up, side, cells):
+    """Faces whose shadows in the x-y plane may touch the cells of a square grid over a rectangle. `cells` (side² + 1)
+    becomes the start of each cell's entries; returns the entries."""
+    step_x, step_y = side / max(right - left, 1e-300), side / max(up - down, 1e-300)
+    count = 0
+    boxes = np.empty((stop - start, 5), dtype=np.int32)
+    for cell in range(side * side + 1):
+        cells[cell] = 0
+    for face in range(start, stop):
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        least_x = min(points[i, 0], points[j, 0], points[k, 0])
+        most_x = max(points[i, 0], points[j, 0], points[k, 0])
+        least_y = min(points[i, 1], points[j, 1], points[k, 1])
+        most_y = max(points[i, 1], points[j, 1], points[k, 1])
+        if least_x > right or most_x < left or least_y > up or most_y < down:
+            continue
+        boxes[count, 0] = max(int((least_x - left) * step_x), 0)
+        boxes[count, 1] = min(int((most_x - left) * step_x), side - 1)
+        boxes[count, 2] = max(int((least_y - down) * step_y), 0)
+        boxes[count, 3] = min(int((most_y - down) * step_y), side - 1)
+        boxes[count, 4] = face
+        for row in range(boxes[count, 2], boxes[count, 3] + 1):
+            for column in range(boxes[count, 0], boxes[count, 1] + 1):
+                cells[row * side + column + 1] += 1
+        count += 1
+    for cell in range(side * side):
+        cells[cell + 1] += cells[cell]
+    entries = np.empty(cells[side * side], dtype=np.int32)
+    filled = cells[:-1].copy()
+    for number in range(count):
+        for row in range(boxes[number, 2], boxes[number, 3] + 1):
+            for column in range(boxes[number, 0], boxes[number, 1] + 1):
+                entries[filled[row * side + column]] = boxes[number, 4]
+                filled[row * side + column] += 1
+    return entries
+
+
+@njit(**_options)
+def _crosses(points, i, j, x, y):
+    """Whether the edge i-j, seen along z, crosses the ray that leaves (x, y) towards +x. Both faces of an edge get the same
+    answer: the ends are taken in the order of their indices."""
+    if i > j:
+        i, j = j, i
+    x_i, y_i, x_j, y_j = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
+    if (y_i > y) == (y_j > y):
+        return False
+    return x < x_i + (y - y_i) * (x_j - x_i) / (y_j - y_i)
+
+
+@njit(**_options)
+def _is_inside(p, points, faces, cells, entries, left, right, down, up, side):
+    """Whether a ray from p along +z crosses a closed surface an odd number of times."""
+    x, y, z = p[0], p[1], p[2]
+    column = min(int((x - left) * (side / max(right - left, 1e-300))), side - 1)
+    row = min(int((y - down) * (side / max(up - down, 1e-300))), side - 1)
+    cell = row * side + column
+    odd = False
+    for place in range(cells[cell], cells[cell + 1]):
+        face = entries[place]
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        if not (_crosses(points, i, j, x, y) ^ _crosses(points, j, k, x, y) ^ _crosses(points, k, i, x, y)):
+            continue
+        least = min(points[i, 2], points[j, 2], points[k, 2])
+        most = max(points[i, 2], points[j, 2], points[k, 2])
+        if z >= most:
+            continue
+        if z >= least:
+            abx, aby, abz = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+            acx, acy, acz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+            normal_z = abx * acy - aby * acx
+            if normal_z == 0.0:
+                continue  # seen edge-on: the other faces of the surface decide
+            normal_x, normal_y = aby * acz - abz * acy, abz * acx - abx * acz
+            hit = points[i, 2] - ((x - points[i, 0]) * normal_x + (y - points[i, 1]) * normal_y) / normal_z
+            if z >= min(max(hit, least), most):
+                continue
+        odd = not odd
+    return odd
+
+
+@njit(**_options)
+def near_pairs(
+    points, candidates, excluded, blocks_excluded, faces, starts, skin_stops, roots, lefts, firsts, counts, low, high, reach,
+    out_vertex, out_solid, out_face, out_v, out_w, out_distance,
+):  # fmt: skip
+    """Signed distance of every candidate to every solid it is not excluded from: all that are inside, and those outside
+    within `reach`. Fills the outputs up to their length; returns how many pairs there are.
+
+    Candidates come in blocks of `BLOCK` neighbours: most blocks are dismissed as a whole, by their boxes or because all of
+    their vertices are excluded."""
+    blocks = len(blocks_excluded)
+    block_low, block_high = np.full((blocks, 3), np.inf), np.full((blocks, 3), -np.inf)
+    for number in range(len(candidates)):
+        block = number // BLOCK
+        for axis in range(3):
+            value = points[candidates[number], axis]
+            block_low[block, axis] = min(block_low[block, axis], value)
+            block_high[block, axis] = max(block_high[block, axis], value)
+    stack = np.empty(128, dtype=np.int32)
+    close = np.empty(len(candidates), dtype=np.int32)
+    may_be_inside = np.empty(len(candidates), dtype=np.bool_)
+    cells = np.empty(MOST_CELLS + 1, dtype=np.int32)
+    found = 0
+    for solid in range(len(roots)):
+        lowest, highest = low[roots[solid]].copy(), high[roots[solid]].copy()
+        for face in range(skin_stops[solid], starts[solid + 1]):  # the fans' centres may stick out of the skin's box
+            centre = faces[face, 2]
+            for axis in range(3):
+                lowest[axis] = min(lowest[axis], points[centre, axis])
+                highest[axis] = max(highest[axis], points[centre, axis])
+        near, contained = 0, 0
+        left, right, down, up = np.inf, -np.inf, np.inf, -np.inf
+        for block in range(blocks):
+            if blocks_excluded[block, solid] or (
+                _boxes_distance(block_low[block], block_high[block], lowest, highest) > reach * reach
+            ):
+                continue
+            for vertex in candidates[block * BLOCK : (block + 1) * BLOCK]:
+                p = points[vertex]
+                away = _box_distance(p, lowest, highest)
+                if (away > 0.0 and away >= reach * reach) or excluded[vertex, solid]:
+                    continue
+                close[near], may_be_inside[near] = vertex, away == 0.0
+                near += 1
+                if away == 0.0:
+                    contained += 1
+                    left, right = min(left, p[0]), max(right, p[0])
+                    down, up = min(down, p[1]), max(up, p[1])
+        if near == 0:
+            continue
+        side = 1
+        entries = np.empty(0, dtype=np.int32)
+        if contained > 0:
+            side = min(max(int(np.sqrt(contained)), 1), MOST_SIDE)
+            entries = _shadow_grid(points, faces, starts[solid], starts[solid + 1], left, right, down, up, side, cells)
+        last_face, last_v, last_w = -1, 0.0, 0.0
+        for number in range(near):
+            vertex = close[number]
+            p = points[vertex]
+            inside = may_be_inside[number] and _is_inside(
+                p, points, faces, cells, entries, left, right, down, up, side
+            )
+            if not inside and reach == 0.0:
+                continue
+            bound = np.inf if inside else reach * reach
+            if last_face >= 0:  # the last one's nearest point bounds this one's distance
+                a, b, c = points[faces[last_face, 0]], points[faces[last_face, 1]], points[faces[last_face, 2]]
+                total = 0.0
+                for axis in range(3):
+                    gap = a[axis] + last_v * (b[axis] - a[axis]) + last_w * (c[axis] - a[axis]) - p[axis]
+                    total += gap * gap
+                bound = min(bound, total * (1.0 + 1e-9) + 1e-18)
+            best, face, v, w = _nearest(p, roots[solid], points, faces, lefts, firsts, counts, low, high, bound, stack)
+            if face < 0:
+                continue
+            last_face, last_v, last_w = face, v, w
+            if found < len(out_vertex):
+                out_vertex[found], out_solid[found], out_face[found] = vertex, solid, face
+                out_v[found], out_w[found] = v, w
+                out_distance[found] = -np.sqrt(best) if inside else np.sqrt(best)
+            found += 1
+    return found
+
+
+def compiled() -> bool:
+    """Whether the kernels lie compiled on disk, or in this process."""
+    from pathlib import Path
+
+    return any(near_pairs.signatures) or any(Path(near_pairs.stats.cache_path).glob("kernels.near_pairs-*.nbc"))

@@ -1,0 +1,278 @@
+"""Body parts of a skinned character: which vertex and face belongs to the head, the chest, the left hand ...
+
+The parts are read from the skinning weights: each joint belongs to the part of the humanoid joint it is or hangs on. What
+is no body (sheets of hair or cloth, things held or worn on joints of their own) is told apart by its shape, its joints
+and its material's name.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from retarget.body.skinning import rest_vertices
+from retarget.character import Character, Mesh, Skeleton
+from retarget.correspond.joints import Humanoid
+from retarget.errors import RetargetError, unknown_name
+from retarget.geometry.topology import areas, pieces, proper, rim_edges, weld
+
+Array = np.ndarray
+
+_ARM = {"UpperArm": "UpperArm", "LowerArm": "Forearm", "Hand": "Hand"}
+_LEG = {"UpperLeg": "Thigh", "LowerLeg": "Shin", "Foot": "Foot", "Toes": "Foot"}
+
+PARTS: tuple[str, ...] = (
+    "head", "neck", "chest", "abdomen", "pelvis",
+    *(f"{side}{part}" for side in ("left", "right") for part in _ARM.values()),
+    *(f"{side}{part}" for side in ("left", "right") for part in ("Thigh", "Shin", "Foot")),
+)  # fmt: skip
+"""The seventeen parts of Basset 2019, figure 3, by our names. A body without a neck joint has no neck."""
+
+PART_OF_JOINT: dict[str, str] = {
+    "hips": "pelvis", "spine": "abdomen", "chest": "chest", "upperChest": "chest", "neck": "neck", "head": "head",
+    "leftEye": "head", "rightEye": "head", "jaw": "head",
+    **{f"{side}{joint}": f"{side}{part}" for side in ("left", "right") for joint, part in (*_ARM.items(), *_LEG.items())},
+    **{f"{side}Shoulder": "chest" for side in ("left", "right")},
+}  # fmt: skip
+"""The part of each canonical joint; fingers belong to their hand."""
+
+LIMBS = tuple(name for name in PARTS if name.startswith(("left", "right")))
+
+SHEET = 10.0
+"""Squared length of its rims over its area from which on an open piece encloses nothing: a disc has 12.6, a half sphere
+6.3, an arm cut off at the shoulder about 2, a strand of hair far more. Ours."""
+ISLAND = 0.1
+"""Share of a part's largest patch below which a patch of its own is given to what surrounds it."""
+OWN_JOINTS = 0.9
+"""Share of a piece's weight on joints that are no human's (hair, capes, weapons) from which on it is not body."""
+
+_THINGS: tuple[tuple[str, str], ...] = (
+    ("hair", r"hair|beard|moustache|eyebrow|eyelash|lashes|fur"),
+    ("prop", r"weapon|sword|shield|axe|bow|gun|rifle|bag|backpack|prop|staff|wand|arrow|quiver|spear|dagger|knife|mug"),
+    ("cloth", r"cloth|cape|cloak|skirt|dress|shirt|coat|jacket|robe|scarf|pants|trousers|shorts|shoes?|boots?|hat|helmet"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyParts:
+    """How a character's surface divides."""
+
+    names: tuple[str, ...]
+    """`PARTS`."""
+    vertex_parts: Int[Array, "vertices"]
+    """Index into `names` of each vertex."""
+    face_parts: Int[Array, "faces"]
+    """Index into `names` of each face; -1 for faces without area at rest (two corners in one place)."""
+    welded: Int[Array, "vertices"]
+    """The first vertex at each vertex's place: files double vertices along texture seams."""
+    face_pieces: Int[Array, "faces"]
+    """Connected piece of the welded surface that each face belongs to; -1 as above."""
+    piece_kinds: tuple[str, ...]
+    """What each piece is: 'body' (worn clothes that enclose a volume included), 'sheet' (open, encloses nothing), 'hair',
+    'cloth' or 'prop' (told by joints of their own or by name)."""
+
+    def index(self, name: str) -> int:
+        """Raises `RetargetError` for an unknown part."""
+        if name not in self.names:
+            raise unknown_name("part", name, self.names, "the body")
+        return self.names.index(name)
+
+    @property
+    def body_faces(self) -> Bool[Array, "faces"]:
+        """The faces of pieces that are body."""
+        kinds = np.array([kind == "body" for kind in self.piece_kinds] + [False])
+        return kinds[self.face_pieces]
+
+    @property
+    def body_vertices(self) -> Bool[Array, "vertices"]:
+        """The vertices of pieces that are body; all copies along texture seams."""
+        on = np.zeros(len(self.vertex_parts), dtype=bool)
+        on[self._corners[self.body_faces]] = True
+        return on[self.welded]
+
+    @property
+    def limb_vertices(self) -> Bool[Array, "vertices"]:
+        """Body vertices of arms and legs, hands and feet: those that penetration is counted over."""
+        limbs = np.isin(np.array(self.names), LIMBS)
+        return self.body_vertices & limbs[self.vertex_parts]
+
+    _corners: Int[Array, "faces 3"]
+    """The faces over welded vertices."""
+
+
+def joint_parts(skeleton: Skeleton, humanoid: Humanoid) -> Int[Array, "joints"]:
+    """Index into `PARTS` for each joint: its own if it is a canonical joint, else that of the joint it hangs on. Where one
+    joint moves the whole trunk it moves the chest."""
+    of_joint = PART_OF_JOINT if "chest" in humanoid.joints else PART_OF_JOINT | {"spine": "chest"}
+    part = np.full(len(skeleton), PARTS.index("pelvis"))
+    known = {joint: name for name, joint in humanoid.joints.items()}
+    for joint in range(len(skeleton)):
+        name = of_joint.get(known.get(joint, ""))
+        if name is not None:
+            part[joint] = PARTS.index(name)
+        elif skeleton.parents[joint] >= 0:
+            part[joint] = part[skeleton.parents[joint]]
+    return part
+
+
+def body_parts(character: Character, humanoid: Humanoid) -> BodyParts:
+    """Divide a character's surface. Raises `RetargetError` for a character without one."""
+    if character.skin is None or character.mesh is None:
+        raise RetargetError(f"{character.name or 'the character'} has no surface to divide into body parts")
+    skin, mesh, skeleton = character.skin, character.mesh, character.skeleton
+    rest = rest_vertices(character)
+    own = weight_by_part(character, humanoid)
+    welded = weld(rest, own)
+    corners = welded[mesh.faces]
+    solid = proper(corners)
+    face_pieces = np.full(len(corners), -1)
+    face_pieces[solid] = pieces(corners[solid], len(rest))
+    face_parts = np.full(len(corners), -1)
+    face_parts[solid] = own[corners[solid]].sum(axis=1).argmax(axis=1)
+    face_parts = _without_islands(corners, face_parts, face_pieces, areas(rest, corners))
+    vertex_parts = _parts_of_vertices(corners, face_parts, own)[welded]
+    kinds = _kinds(character, humanoid, rest, corners, face_pieces)
+    return BodyParts(PARTS, vertex_parts, face_parts, welded, face_pieces, kinds, corners)
+
+
+def weight_by_part(character: Character, humanoid: Humanoid) -> Float[Array, "vertices parts"]:
+    """Share of each vertex's skinning weight that belongs to each of `PARTS`."""
+    skin = character.skin
+    part = joint_parts(character.skeleton, humanoid)[skin.joints]
+    return _weight_by(skin, part, len(PARTS), len(skin.weights))
+
+
+def _weight_by(skin, groups: Int[Array, "columns"], count: int, vertices: int) -> Float[Array, "vertices groups"]:
+    """Sum of the skinning weights of each group of columns."""
+    total = np.zeros((vertices, count))
+    rows = np.repeat(np.arange(vertices), skin.columns.shape[1])
+    np.add.at(total, (rows, groups[skin.columns].ravel()), skin.weights.ravel())
+    return total
+
+
+def _without_islands(
+    corners: Int[Array, "faces 3"],
+    face_parts: Int[Array, "faces"],
+    face_pieces: Int[Array, "faces"],
+    area: Float[Array, "faces"],
+) -> Int[Array, "faces"]:
+    """Small patches of a part inside another are given to the part they share most vertices with."""
+    face_parts = face_parts.copy()
+    for _ in range(3):
+        patch = _patches(corners, face_parts)
+        size = np.bincount(patch[patch >= 0], weights=area[patch >= 0])
+        part_of = np.full(len(size), -1)
+        part_of[patch[patch >= 0]] = face_parts[patch >= 0]
+        piece_of = np.full(len(size), -1)
+        piece_of[patch[patch >= 0]] = face_pieces[patch >= 0]
+        largest = np.zeros(len(PARTS))
+        np.maximum.at(largest, part_of, size)
+        small = np.flatnonzero(size < ISLAND * largest[part_of])
+        if len(small) == 0:
+            break
+        neighbours = _neighbouring_patches(corners, patch)
+        changed = False
+        for number in small[np.argsort(size[small])]:
+            around = [other for other in neighbours.get(int(number), ()) if size[other] > size[number]]
+            if around:  # a piece of its own has nothing around it and stays
+                face_parts[patch == number] = part_of[max(around, key=lambda other: (size[other], -other))]
+                changed = True
+        if not changed:
+            break
+    return face_parts
+
+
+def _patches(corners: Array, face_parts: Array) -> Int[Array, "faces"]:
+    """Connected patch of one part that each face belongs to."""
+    patch = np.full(len(corners), -1)
+    total = 0
+    for part in range(len(PARTS)):
+        own = np.flatnonzero(face_parts == part)
+        if len(own):
+            patch[own] = pieces(corners[own], int(corners.max()) + 1) + total
+            total = int(patch[own].max()) + 1
+    return patch
+
+
+def _neighbouring_patches(corners: Array, patch: Array) -> dict[int, set[int]]:
+    """Patches that share a vertex."""
+    pairs = np.stack([corners.ravel(), np.repeat(patch, 3)], axis=1)
+    pairs = np.unique(pairs[pairs[:, 1] >= 0], axis=0)
+    found: dict[int, set[int]] = {}
+    for group in np.split(pairs[:, 1], np.flatnonzero(np.diff(pairs[:, 0])) + 1):
+        for one in group.tolist() if len(group) > 1 else ():
+            found.setdefault(one, set()).update(other for other in group.tolist() if other != one)
+    return found
+
+
+def _parts_of_vertices(corners: Array, face_parts: Array, own: Array) -> Int[Array, "vertices"]:
+    """A vertex belongs to the part of its faces; on a seam to the one among them that its weights favour."""
+    touching = np.zeros(own.shape, dtype=bool)
+    known = face_parts >= 0
+    for corner in range(3):
+        touching[corners[known, corner], face_parts[known]] = True
+    favoured = np.where(touching, own + 1.0, own)
+    return favoured.argmax(axis=1)
+
+
+def _kinds(
+    character: Character, humanoid: Humanoid, rest: Array, corners: Array, face_pieces: Array
+) -> tuple[str, ...]:
+    """What each piece is."""
+    skin, mesh, skeleton = character.skin, character.mesh, character.skeleton
+    foreign = _foreign_joints(skeleton, humanoid)
+    foreign_share = _weight_by(skin, foreign[skin.joints].astype(int), 2, len(rest))[:, 1]
+    area = areas(rest, corners)
+    kinds = []
+    for piece in range(int(face_pieces.max()) + 1 if len(face_pieces) else 0):
+        own = np.flatnonzero(face_pieces == piece)
+        rim = rim_edges(corners[own])
+        length = float(np.linalg.norm(rest[rim[:, 0]] - rest[rim[:, 1]], axis=1).sum()) if len(rim) else 0.0
+        material = _thing_of_materials(mesh, own, area)
+        if foreign_share[corners[own]].mean() > OWN_JOINTS:
+            joints = [skeleton.names[joint] for joint in _leading_joints(skin, corners[own])]
+            kinds.append(material or _thing(joints) or "prop")
+        elif length**2 > SHEET * area[own].sum():
+            kinds.append("sheet")
+        else:  # clothes that enclose a volume may be all the body there is
+            kinds.append("hair" if material == "hair" else "body")
+    return tuple(kinds)
+
+
+def _foreign_joints(skeleton: Skeleton, humanoid: Humanoid) -> Bool[Array, "joints"]:
+    """Joints that are neither a human's, nor between a human's, nor hang on a finger: hair, capes, what hands hold."""
+    known = set(humanoid.joints.values()) | set(humanoid.twists)
+    ours = np.zeros(len(skeleton), dtype=bool)
+    ours[list(known)] = True
+    for joint in range(len(skeleton) - 1, 0, -1):
+        if ours[joint]:
+            ours[skeleton.parents[joint]] = True
+    return ~ours
+
+
+def _leading_joints(skin, corners: Array) -> Int[Array, "_"]:
+    """The joints that lead a piece's vertices."""
+    vertices = np.unique(corners)
+    lead = skin.weights[vertices].argmax(axis=1)
+    return np.unique(skin.joints[skin.columns[vertices, lead]])
+
+
+def _thing_of_materials(mesh: Mesh, faces: Int[Array, "_"], area: Float[Array, "faces"]) -> str | None:
+    """What the name of the material says that covers nearly all of a piece."""
+    if mesh.face_materials is None or not mesh.materials:
+        return None
+    covered = np.bincount(mesh.face_materials[faces], weights=area[faces])
+    most = int(covered.argmax())
+    return _thing([mesh.materials[most].name]) if covered[most] > 0.9 * covered.sum() else None
+
+
+def _thing(names: list[str]) -> str | None:
+    """What names of joints and materials say that a thing is."""
+    text = " ".join(names).lower()
+    for kind, pattern in _THINGS:
+        if re.search(rf"(?:^|[^a-z])(?:{pattern})", text):
+            return kind
+    return None
