@@ -222,15 +222,21 @@ def picture(
 
 @app.command(epilog="\n\n".join(f"{key}: {sentence}." for key, sentence in FORMULAS.items()))
 def bench(
-    name: Annotated[str, typer.Argument(help="skeletal")],
+    name: Annotated[str, typer.Argument(help="contact or skeletal")],
     quick: Annotated[bool, typer.Option("--quick", help="An honest subset in at most 45 s.")] = False,
     json_file: Annotated[
         Optional[Path], typer.Option("--json", help="Also write everything to this file.", show_default=False)
     ] = None,
+    gate: Annotated[
+        bool, typer.Option("--gate", help="Fail (exit code 1) where a figure is worse than the committed baseline.")
+    ] = False,
     verbose: Verbose = False,
 ) -> None:
     """Measure the methods on fixed cases, all in one run."""
     _listen(verbose)
     from retarget.commands import run_bench
 
-    _say(run_bench(name, quick, json_file, progress=sys.stderr.isatty()), False)
+    report = run_bench(name, quick, json_file, gate, progress=sys.stderr.isatty())
+    _say(report, False)
+    if report.get("regressions"):
+        raise typer.Exit(1)

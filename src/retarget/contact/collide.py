@@ -19,8 +19,9 @@ from jaxtyping import Bool, Float, Int
 
 from retarget.body.skinning import rest_vertices
 from retarget.character import Character
-from retarget.contact.parts import PARTS, BodyParts, body_parts
+from retarget.contact.parts import PARTS, BodyParts, body_height, body_parts
 from retarget.correspond.joints import Humanoid
+from retarget.errors import RetargetError
 from retarget.geometry.distance import edge_graph, within
 from retarget.geometry.topology import closing_fans
 
@@ -30,8 +31,13 @@ log = logging.getLogger("retarget")
 NEIGHBOURHOOD = 0.08
 """Share of the body's height: what lies closer to a part along the skin at rest is not tested against it, because skin
 folds at every joint. Ours."""
+BRIDGE = 0.02
+"""Share of the body's height: pieces of a body that come this close where their parts meet in a joint count as one skin
+there. Ours."""
 LEAF = 2
 """Faces in a leaf of the box hierarchy."""
+FARTHEST = 1e100
+"""Metres; the squares of coordinates up to here are finite."""
 THREADS = 2
 """Threads that share a query; more gain little on a body."""
 
@@ -46,7 +52,7 @@ _ADJACENT = frozenset(
           for trunk, limb in (("chest", "UpperArm"), ("pelvis", "Thigh"), ("abdomen", "Thigh"))),
     )
 )  # fmt: skip
-"""Parts that meet in a joint, for bodies made of several pieces."""
+"""Parts that meet in a joint: where pieces of a body may hang together without sharing vertices."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +82,7 @@ class Collider:
     solid_parts: Int[Array, "solids"]
     """Part that each solid is (a piece of) ."""
     excluded: Bool[Array, "vertices solids"]
-    """Pairs that are never tested: a vertex and its own part, what is near a joint, what overlaps at rest."""
+    """Pairs that are never tested: a vertex and its own part, what is near along the skin at rest, what overlaps there."""
     blocks: Blocks
     """Vertices that are tested: one of each place, of body pieces."""
     shares: tuple[Blocks, ...]
@@ -94,7 +100,9 @@ class Collider:
     tree: BoxTree
 
     def pairs(self, vertices: Float[Array, "vertices 3"], reach: float = 0.0) -> SurfacePairs:
-        """All pairs of a posed body that penetrate, and those within `reach` metres outside. Rows come by vertex and part."""
+        """All pairs of a posed body (metres) that penetrate, and those within `reach` metres outside. Rows come by vertex
+        and solid; the vertex is the first at its place. Raises `RetargetError` for vertices that are not this body's or
+        not finite."""
         posed = self._posed(vertices)
         # Every other block for each thread: parts that touch are spread over both.
         found = list(_threads().map(lambda share: self._search(posed, share, reach), self.shares))
@@ -102,7 +110,7 @@ class Collider:
 
     def depths(self, vertices: Float[Array, "frames vertices 3"]) -> Float[Array, "frames vertices"]:
         """How deep each vertex is in other parts (metres, 0 outside), over many frames; the deepest part counts. Vertices
-        that lie on one place at rest have one depth; vertices that are no body have 0."""
+        that lie on one place at rest have one depth; vertices that are no body have 0. Raises as `pairs`."""
 
         def of_frame(frame: int) -> Array:
             vertex, *_, distance = self._search(self._posed(vertices[frame]), self.blocks, 0.0)
@@ -110,7 +118,7 @@ class Collider:
             np.maximum.at(depth, vertex, -distance)
             return depth[self.parts.welded]
 
-        return np.stack(list(_threads().map(of_frame, range(len(vertices))))) if len(vertices) else np.zeros((0, 0))
+        return np.array(list(_threads().map(of_frame, range(len(vertices))))).reshape(vertices.shape[:2])
 
     def without(self, vertices: Int[Array, "_"], part: Int[Array, "_"]) -> Collider:
         """The same collider that never tests these pairs of vertex and part either."""
@@ -119,10 +127,18 @@ class Collider:
             excluded[vertices[part == self.solid_parts[solid]], solid] = True
         return _with_exclusions(self, excluded)
 
+    def points(self, vertices: Float[Array, "vertices 3"]) -> Float[Array, "points 3"]:
+        """What `corners` index: the posed vertices, then the centres of the rims."""
+        return self._posed(vertices)[0]
+
     def _posed(self, vertices: Float[Array, "vertices 3"]) -> tuple[Array, Array, Array]:
         """Vertices and rim centres, and the boxes over them."""
         from retarget.contact import kernels
 
+        if vertices.shape != (len(self.excluded), 3):
+            raise RetargetError(f"the body has {len(self.excluded)} vertices, received an array of {vertices.shape}")
+        if not float(np.abs(vertices).max()) < FARTHEST:
+            raise RetargetError("a posed vertex lies nowhere (a coordinate is not finite, or beyond all measure)")
         _announce()
         rims, tree = self.rim_starts, self.tree
         points = np.empty((len(vertices) + len(rims) - 1, 3))
@@ -218,8 +234,8 @@ def prepare_collider(character: Character, humanoid: Humanoid, parts: BodyParts 
         stops.append(shift + len(skin))
         starts.append(shift + len(skin) + len(caps))
     integers = [np.array(column, dtype=np.int32) for column in (roots, stops, lefts, firsts, counts)]
-    excluded = _near_at_rest(rest, corners_of_mesh, parts, groups, character, humanoid)
     tested = _neighbours_together(np.unique(corners_of_mesh[parts.body_faces]), rest, parts)
+    excluded = np.zeros((len(rest), len(groups)), dtype=bool)
     collider = Collider(
         parts,
         np.array([part for part, _ in groups], dtype=np.int64),
@@ -233,6 +249,7 @@ def prepare_collider(character: Character, humanoid: Humanoid, parts: BodyParts 
         np.cumsum([0, *map(len, rims)]),
         BoxTree(*integers),
     )
+    excluded = _near_at_rest(collider, rest, corners_of_mesh, groups, humanoid)
     return _without_overlaps_at_rest(_with_exclusions(collider, excluded), rest)
 
 
@@ -267,28 +284,43 @@ def _boxes(centres: Float[Array, "faces 3"]) -> tuple[Int[Array, "faces"], list[
 
 
 def _near_at_rest(
-    rest: Array,
-    corners: Array,
-    parts: BodyParts,
+    collider: Collider,
+    rest: Float[Array, "vertices 3"],
+    corners: Int[Array, "faces 3"],
     groups: Sequence[tuple[int, Array]],
-    character: Character,
     humanoid: Humanoid,
 ) -> Bool[Array, "vertices solids"]:
-    """A vertex and its own part, and what lies near it along the skin, or across the gap where pieces meet in a joint."""
-    from scipy.spatial import cKDTree
-
-    height = float(np.ptp(rest @ humanoid.axes[1]))
-    graph = edge_graph(rest, corners)
+    """A vertex and its own part, and what lies near it along the skin."""
+    parts = collider.parts
+    height = body_height(rest, parts, humanoid)
+    graph = edge_graph(rest, corners, *_bridges(collider, rest, corners, groups, BRIDGE * height))
     excluded = np.zeros((len(rest), len(groups)), dtype=bool)
     for solid, (part, faces) in enumerate(groups):
-        own = np.unique(corners[faces])
-        excluded[:, solid] = within(graph, own, NEIGHBOURHOOD * height) | (parts.vertex_parts == part)
-        beside = [n for n, name in enumerate(PARTS) if frozenset((name, PARTS[part])) in _ADJACENT]
-        across = np.flatnonzero(np.isin(parts.vertex_parts, beside) & ~excluded[:, solid])
-        if len(across):
-            gap, _ = cKDTree(rest[own]).query(rest[across], distance_upper_bound=NEIGHBOURHOOD * height)
-            excluded[across[np.isfinite(gap)], solid] = True
+        near = within(graph, np.unique(corners[faces]), NEIGHBOURHOOD * height)
+        excluded[:, solid] = near | (parts.vertex_parts == part)
     return excluded
+
+
+def _bridges(
+    collider: Collider, rest: Array, corners: Array, groups: Sequence[tuple[int, Array]], reach: float
+) -> tuple[Int[Array, "bridges 2"], Float[Array, "bridges"]]:
+    """Ways from piece to piece of a body, as pairs of vertices with their lengths: where parts meet in a joint (an arm
+    stuck into the trunk, a ball between two bones), from each vertex that is inside or close to the skin."""
+    parts = collider.parts
+    pieces = np.array([int(parts.face_pieces[faces[0]]) for _, faces in groups])
+    if len(np.unique(pieces)) < 2:
+        return np.zeros((0, 2), dtype=np.int64), np.zeros(0)
+    counting = parts.face_pieces >= 0
+    own_piece = np.full(len(rest), -1)
+    own_piece[corners[counting]] = parts.face_pieces[counting, None]
+    jointed = np.eye(len(PARTS), dtype=bool)
+    for a, b in map(tuple, _ADJACENT):
+        jointed[PARTS.index(a), PARTS.index(b)] = jointed[PARTS.index(b), PARTS.index(a)] = True
+    apart = (own_piece[:, None] == pieces) | ~jointed[parts.vertex_parts][:, collider.solid_parts]
+    found = _with_exclusions(collider, apart).pairs(rest, reach)
+    ends = corners[found.face]
+    lengths = np.linalg.norm(rest[ends] - found.point[:, None], axis=2) + np.maximum(found.distance, 0.0)[:, None]
+    return np.stack([np.repeat(found.vertex, 3), ends.ravel()], axis=1), lengths.ravel()
 
 
 def _without_overlaps_at_rest(collider: Collider, rest: Float[Array, "vertices 3"]) -> Collider:
@@ -336,6 +368,16 @@ def compile_kernels() -> None:
 
 _pool: ThreadPoolExecutor | None = None
 _announced = False
+
+
+def _forget_threads() -> None:
+    """A forked process has none of the threads of the one it came from."""
+    global _pool
+    _pool = None
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_threads)
 
 
 def _threads() -> ThreadPoolExecutor:

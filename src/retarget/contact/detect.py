@@ -15,9 +15,10 @@ from jaxtyping import Float, Int
 from retarget.body.skinning import Skinner, prepare_skinning, rest_vertices
 from retarget.character import Character
 from retarget.contact.collide import Collider, SurfacePairs, prepare_collider
-from retarget.contact.parts import PARTS
+from retarget.contact.parts import PARTS, body_height
 from retarget.contact.slim import slim_bodies
 from retarget.correspond.joints import Humanoid
+from retarget.errors import RetargetError
 
 Array = np.ndarray
 
@@ -94,8 +95,9 @@ class ContactDetector:
         world_positions: Float[Array, "frames joints 3"],
         fps: float,
     ) -> Contacts:
-        """Contacts of a whole clip from its world pose, tracked: they begin within the threshold, last until `LEAVE`
-        thresholds, bridge gaps and are dropped below `SHORTEST` seconds."""
+        """Contacts of a whole clip from its world pose (positions in metres), tracked: they begin within the threshold,
+        last until `LEAVE` thresholds, bridge gaps and are dropped below `SHORTEST` seconds. Rows of the frames that a
+        gap bridges are absent. Raises `RetargetError` for a pose that is not this body's or not finite."""
         found = []
         placed = hands_placed(self.humanoid, world_positions)
         step = 64  # posed surfaces in memory at a time
@@ -109,12 +111,12 @@ class ContactDetector:
                 own = self.collider.parts.vertex_parts[pairs.vertex]
                 hand = np.maximum(placed[start + number, own], placed[start + number, pairs.part])
                 found.append((np.full(len(pairs.vertex), start + number), pairs, np.maximum(stays, hand)))
-        least = max(2, int(round(SHORTEST * fps))) if len(world_rotations) > 1 else 1
+        least = min(max(1, round(SHORTEST * fps)), max(1, len(world_rotations)))
         return _tracked(found, self.threshold, least, self.collider)
 
     def _stays(self, slim: Sequence[Float[Array, "vertices 3"]], pairs: SurfacePairs) -> Float[Array, "pairs"]:
-        """Share of the slimmer bodies on which the same points still meet in the same pose; a gap of one threshold counts
-        full, of three not at all."""
+        """Share of the slimmer bodies on which the same points still meet in the same pose; a gap of one threshold (along
+        the normal of the touched point) counts full, of three not at all. All 1 where the body is thin already."""
         if not slim or len(pairs.vertex) == 0:
             return np.ones(len(pairs.vertex))
         corners = self.skinner.character.mesh.faces[pairs.face]
@@ -128,11 +130,13 @@ class ContactDetector:
 
 def prepare_contacts(character: Character, humanoid: Humanoid, threshold: float | None = None) -> ContactDetector:
     """Prepare a body. `threshold` in metres (None: `THRESHOLD` of its height). Raises `RetargetError` for a character
-    without a surface."""
+    without a surface and for a threshold that is no length."""
+    if threshold is not None and not 0.0 < threshold < np.inf:
+        raise RetargetError(f"the contact threshold must be a length in metres above 0, received {threshold!r}")
     collider = prepare_collider(character, humanoid)
     rest = rest_vertices(character)
     if threshold is None:
-        threshold = THRESHOLD * float(np.ptp((rest @ humanoid.axes[1])[collider.parts.body_vertices]))
+        threshold = THRESHOLD * body_height(rest, collider.parts, humanoid)
     near = collider.pairs(rest, AT_REST * threshold)
     slim = tuple(prepare_skinning(each) for each in slim_bodies(character, humanoid, collider.parts))
     return ContactDetector(
@@ -169,52 +173,49 @@ def _tracked(
     found: list[tuple[Array, SurfacePairs, Array]], threshold: float, least: int, collider: Collider
 ) -> Contacts:
     """Rows of all frames, ordered into tracks; what never comes within the threshold or is too short is dropped."""
-    frame = np.concatenate([frames for frames, _, _ in found] or [np.zeros(0, dtype=np.int64)])
-    columns = {
-        name: np.concatenate([getattr(pairs, name) for _, pairs, _ in found])
-        for name in ("vertex", "part", "face", "barycentric", "distance")
-    } if found else _no_rows()  # fmt: skip
-    probability = np.concatenate([each for _, _, each in found] or [np.zeros(0)])
-    order = np.lexsort((frame, columns["part"], columns["vertex"]))
-    frame, probability = frame[order], probability[order]
-    columns = {name: column[order] for name, column in columns.items()}
-    vertex, part, distance = columns["vertex"], columns["part"], columns["distance"]
-    new = np.ones(len(frame), dtype=bool)
-    new[1:] = (np.diff(vertex) != 0) | (np.diff(part) != 0) | (np.diff(frame) > least)
-    run = np.cumsum(new) - 1
-    first = np.flatnonzero(new)
-    if len(first) == 0:
-        last = first
-        closest = first.astype(float)
-    else:
-        last = np.append(first[1:], len(frame)) - 1
-        closest = np.minimum.reduceat(distance, first)
-    kept = (closest < threshold) & (frame[last] + 1 - frame[first] >= least)
-    number = np.cumsum(kept) - 1
-    rows = kept[run] if len(run) else np.zeros(0, dtype=bool)
-    track = number[run[rows]]
-    frame, probability = frame[rows], probability[rows]
-    columns = {name: column[rows] for name, column in columns.items()}
-    starts = np.flatnonzero(np.diff(track, prepend=-1))
-    # The closest row of each track: sorted by track and distance, the first of each.
-    anchor = np.lexsort((columns["distance"], track))[starts] if len(starts) else starts
-    count = np.maximum(np.bincount(track, minlength=len(starts)), 1)
+    rows = _by_vertex_and_part(found)
+    frame, distance = rows["frame"], rows["distance"]
+    same = (np.diff(rows["vertex"]) == 0) & (np.diff(rows["part"]) == 0) & (np.diff(frame) <= least)
+    run = np.cumsum(np.append(True, ~same))[: len(frame)] - 1
+    # A track begins with the first row within the threshold, though the run may have been near before.
+    begun = np.full(len(frame) + 1, np.inf)
+    touching = distance < threshold
+    np.minimum.at(begun, run[touching], frame[touching])
+    last = np.full(len(frame) + 1, -np.inf)
+    np.maximum.at(last, run, frame)
+    kept = (frame >= begun[run]) & (last[run] + 1 - begun[run] >= least)
+    rows = {name: column[kept] for name, column in rows.items()}
+    _, first, track = np.unique(run[kept], return_index=True, return_inverse=True)
+    track = track.ravel()
+    stop = np.append(first[1:], len(track))
+    anchor = np.lexsort((rows["distance"], track))[first]  # the closest row of each track
+    count = np.bincount(track, minlength=len(first))
     tracks = ContactTracks(
-        vertex=columns["vertex"][starts],
-        own_part=collider.parts.vertex_parts[columns["vertex"][starts]],
-        part=columns["part"][starts],
-        start=frame[starts],
-        stop=frame[np.append(starts[1:], len(frame)) - 1] + 1 if len(starts) else frame[starts],
-        anchor_frame=frame[anchor],
-        face=columns["face"][anchor],
-        barycentric=columns["barycentric"][anchor],
-        pose_probability=np.bincount(track, weights=probability, minlength=len(starts)) / count,
+        vertex=rows["vertex"][first],
+        own_part=collider.parts.vertex_parts[rows["vertex"][first]],
+        part=rows["part"][first],
+        start=rows["frame"][first],
+        stop=rows["frame"][stop - 1] + 1,
+        anchor_frame=rows["frame"][anchor],
+        face=rows["face"][anchor],
+        barycentric=rows["barycentric"][anchor],
+        pose_probability=np.bincount(track, weights=rows["probability"], minlength=len(first)) / count,
     )
-    by_frame = np.lexsort((columns["part"], columns["vertex"], frame))
-    columns = {name: column[by_frame] for name, column in columns.items()}
-    return Contacts(frame=frame[by_frame], track=track[by_frame], tracks=tracks, **columns)
+    by_frame = np.lexsort((rows["part"], rows["vertex"], rows["frame"]))
+    columns = {name: column[by_frame] for name, column in rows.items() if name != "probability"}
+    return Contacts(track=track[by_frame], tracks=tracks, **columns)
 
 
-def _no_rows() -> dict[str, Array]:
-    none = np.zeros(0, dtype=np.int64)
-    return {"vertex": none, "part": none, "face": none, "barycentric": np.zeros((0, 3)), "distance": np.zeros(0)}
+def _by_vertex_and_part(found: list[tuple[Array, SurfacePairs, Array]]) -> dict[str, Array]:
+    """All frames' rows as columns, by vertex, part and frame; of several pieces of one part only the nearest."""
+    integers, floats = np.zeros(0, dtype=np.int64), np.zeros(0)
+    rows = {"frame": np.concatenate([integers, *(frames for frames, _, _ in found)])}
+    for name in ("vertex", "part", "face"):
+        rows[name] = np.concatenate([integers, *(getattr(pairs, name) for _, pairs, _ in found)])
+    rows["barycentric"] = np.concatenate([np.zeros((0, 3)), *(pairs.barycentric for _, pairs, _ in found)])
+    rows["distance"] = np.concatenate([floats, *(pairs.distance for _, pairs, _ in found)])
+    rows["probability"] = np.concatenate([floats, *(probability for _, _, probability in found)])
+    order = np.lexsort((rows["distance"], rows["frame"], rows["part"], rows["vertex"]))
+    keys = np.stack([rows["vertex"], rows["part"], rows["frame"]])[:, order]
+    nearest = np.append(True, (np.diff(keys, axis=1) != 0).any(axis=0))[: len(order)]
+    return {name: column[order[nearest]] for name, column in rows.items()}

@@ -100,7 +100,7 @@ def intervals(on: Bool[Array, "frames"]) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist()))
 
 
-def _without_short_runs(on: Bool[Array, "frames"], least: int) -> Bool[Array, "frames"]:
+def without_short_runs(on: Bool[Array, "frames"], least: int) -> Bool[Array, "frames"]:
     """Bridge gaps, then drop runs, shorter than `least` frames."""
     on = on.copy()
     runs = intervals(on)
@@ -113,7 +113,7 @@ def _without_short_runs(on: Bool[Array, "frames"], least: int) -> Bool[Array, "f
     return on
 
 
-def _running_maximum(values: Float[Array, "frames points"], reach: int) -> Float[Array, "frames points"]:
+def running_maximum(values: Float[Array, "frames points"], reach: int) -> Float[Array, "frames points"]:
     """Largest value within ±reach frames."""
     padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
     return np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0).max(axis=-1)
@@ -163,7 +163,7 @@ def ground_contacts(
     are places of other joints, hips first: of who never stands up (crawls, sits, lies), they tell how deep the floor is.
     """
     speed = speeds(points, fps) / leg_length
-    peak = _running_maximum(speed, int(round(PEAK_WINDOW * fps)))
+    peak = running_maximum(speed, int(round(PEAK_WINDOW * fps)))
     slow = speed < np.maximum(rule.enter_speed, ENTER_SHARE * peak)
     floor = floor_height(points, slow, leg_length)
     if feet is not None:
@@ -178,7 +178,7 @@ def ground_contacts(
     raised = hysteresis(speed < 0.5 * ENTER_SPEED, speed < ENTER_SPEED) & ~low
     still &= ~sliding(points, still, fps, leg_length)
     least = max(2, int(round(SHORTEST * fps)))
-    touching = np.stack([_without_short_runs(run, least) for run in (still & low).T], axis=1)
+    touching = np.stack([without_short_runs(run, least) for run in (still & low).T], axis=1)
     support = np.full(points.shape[:2], floor)
     for point in range(points.shape[1]):
         hand = feet is not None and point >= feet
@@ -188,7 +188,7 @@ def ground_contacts(
             support[start:stop, point] = floor if deepest < level < floor + SNAP * leg_length else level
     carried = touching.any(axis=1)
     for point in range(points.shape[1]):
-        for start, stop in intervals(_without_short_runs(raised[:, point], least)):
+        for start, stop in intervals(without_short_runs(raised[:, point], least)):
             alone = ~carried[start:stop]
             if alone.sum() >= 2 * least:
                 touching[start:stop, point] = True

@@ -38,16 +38,31 @@ def refit(points, faces, lefts, firsts, counts, low, high):
 
 
 @njit(**_options)
-def _nearest_on_triangle(p, a, b, c):
-    """Barycentric coordinates (of b and c) of the point of a triangle nearest to p (Ericson 2005, section 5.1.5)."""
-    abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    apx, apy, apz = p[0] - a[0], p[1] - a[1], p[2] - a[2]
+def _nearest_on_triangle(x, y, z, points, faces, face):
+    """Barycentric coordinates (of b and c) of the point of a triangle nearest to a point (Ericson 2005, section 5.1.5),
+    and its squared distance."""
+    v, w = _nearest_coordinates(x, y, z, points, faces[face, 0], faces[face, 1], faces[face, 2])
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+    u = 1.0 - v - w
+    gap_x = u * points[i, 0] + v * points[j, 0] + w * points[k, 0] - x
+    gap_y = u * points[i, 1] + v * points[j, 1] + w * points[k, 1] - y
+    gap_z = u * points[i, 2] + v * points[j, 2] + w * points[k, 2] - z
+    return v, w, gap_x * gap_x + gap_y * gap_y + gap_z * gap_z
+
+
+@njit(**_options)
+def _nearest_coordinates(x, y, z, points, i, j, k):
+    ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
+    bx, by, bz = points[j, 0], points[j, 1], points[j, 2]
+    cx, cy, cz = points[k, 0], points[k, 1], points[k, 2]
+    abx, aby, abz = bx - ax, by - ay, bz - az
+    acx, acy, acz = cx - ax, cy - ay, cz - az
+    apx, apy, apz = x - ax, y - ay, z - az
     d1 = abx * apx + aby * apy + abz * apz
     d2 = acx * apx + acy * apy + acz * apz
     if d1 <= 0.0 and d2 <= 0.0:
         return 0.0, 0.0
-    bpx, bpy, bpz = p[0] - b[0], p[1] - b[1], p[2] - b[2]
+    bpx, bpy, bpz = x - bx, y - by, z - bz
     d3 = abx * bpx + aby * bpy + abz * bpz
     d4 = acx * bpx + acy * bpy + acz * bpz
     if d3 >= 0.0 and d4 <= d3:
@@ -55,7 +70,7 @@ def _nearest_on_triangle(p, a, b, c):
     vc = d1 * d4 - d3 * d2
     if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
         return (d1 / (d1 - d3) if d1 > d3 else 0.0), 0.0
-    cpx, cpy, cpz = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+    cpx, cpy, cpz = x - cx, y - cy, z - cz
     d5 = abx * cpx + aby * cpy + abz * cpz
     d6 = acx * cpx + acy * cpy + acz * cpz
     if d6 >= 0.0 and d5 <= d6:
@@ -74,13 +89,12 @@ def _nearest_on_triangle(p, a, b, c):
 
 
 @njit(**_options)
-def _box_distance(p, low, high):
-    """Squared distance from a point to a box."""
-    total = 0.0
-    for axis in range(3):
-        gap = max(low[axis] - p[axis], p[axis] - high[axis], 0.0)
-        total += gap * gap
-    return total
+def _box_distance(x, y, z, low, high, node):
+    """Squared distance from a point to a node's box. (Scalars throughout: views of rows cost more than the arithmetic.)"""
+    gap_x = max(low[node, 0] - x, x - high[node, 0], 0.0)
+    gap_y = max(low[node, 1] - y, y - high[node, 1], 0.0)
+    gap_z = max(low[node, 2] - z, z - high[node, 2], 0.0)
+    return gap_x * gap_x + gap_y * gap_y + gap_z * gap_z
 
 
 @njit(**_options)
@@ -94,19 +108,23 @@ def _boxes_distance(low, high, other_low, other_high):
 
 
 @njit(**_options)
-def _nearest(p, root, points, faces, lefts, firsts, counts, low, high, bound, stack):
-    """(squared distance, face, barycentrics of its second and third corner); face -1 where none is nearer than `bound`."""
+def _nearest(x, y, z, root, points, faces, lefts, firsts, counts, low, high, bound, guess, stack):
+    """(squared distance, face, barycentrics of its second and third corner) of the nearest point; face -1 where none is nearer than `bound`. `guess` is a face that may be near, or -1."""
     best, best_face, best_v, best_w = bound, -1, 0.0, 0.0
+    if guess >= 0:
+        v, w, total = _nearest_on_triangle(x, y, z, points, faces, guess)
+        if total < best:
+            best, best_face, best_v, best_w = total, guess, v, w
     top = 0
     stack[0] = root
     while top >= 0:
         node = stack[top]
         top -= 1
-        if _box_distance(p, low[node], high[node]) >= best:
+        if _box_distance(x, y, z, low, high, node) >= best:
             continue
         left = lefts[node]
         if left >= 0:
-            to_left, to_right = _box_distance(p, low[left], high[left]), _box_distance(p, low[left + 1], high[left + 1])
+            to_left, to_right = _box_distance(x, y, z, low, high, left), _box_distance(x, y, z, low, high, left + 1)
             near, far = (left, left + 1) if to_left <= to_right else (left + 1, left)
             if max(to_left, to_right) < best:
                 top += 1
@@ -116,12 +134,7 @@ def _nearest(p, root, points, faces, lefts, firsts, counts, low, high, bound, st
                 stack[top] = near
             continue
         for face in range(firsts[node], firsts[node] + counts[node]):
-            a, b, c = points[faces[face, 0]], points[faces[face, 1]], points[faces[face, 2]]
-            v, w = _nearest_on_triangle(p, a, b, c)
-            total = 0.0
-            for axis in range(3):
-                gap = a[axis] + v * (b[axis] - a[axis]) + w * (c[axis] - a[axis]) - p[axis]
-                total += gap * gap
+            v, w, total = _nearest_on_triangle(x, y, z, points, faces, face)
             if total < best:
                 best, best_face, best_v, best_w = total, face, v, w
     return best, best_face, best_v, best_w
@@ -189,9 +202,8 @@ def _crosses(points, i, j, x, y):
 
 
 @njit(**_options)
-def _is_inside(p, points, faces, cells, entries, left, right, down, up, side):
+def _is_inside(x, y, z, points, faces, cells, entries, left, right, down, up, side):
     """Whether a ray from p along +z crosses a closed surface an odd number of times."""
-    x, y, z = p[0], p[1], p[2]
     column = min(int((x - left) * (side / max(right - left, 1e-300))), side - 1)
     row = min(int((y - down) * (side / max(up - down, 1e-300))), side - 1)
     cell = row * side + column
@@ -241,32 +253,33 @@ def near_pairs(
     close = np.empty(len(candidates), dtype=np.int32)
     may_be_inside = np.empty(len(candidates), dtype=np.bool_)
     cells = np.empty(MOST_CELLS + 1, dtype=np.int32)
+    bounds_low, bounds_high = np.empty((1, 3)), np.empty((1, 3))
     found = 0
     for solid in range(len(roots)):
-        lowest, highest = low[roots[solid]].copy(), high[roots[solid]].copy()
+        bounds_low[0], bounds_high[0] = low[roots[solid]], high[roots[solid]]
         for face in range(skin_stops[solid], starts[solid + 1]):  # the fans' centres may stick out of the skin's box
             centre = faces[face, 2]
             for axis in range(3):
-                lowest[axis] = min(lowest[axis], points[centre, axis])
-                highest[axis] = max(highest[axis], points[centre, axis])
+                bounds_low[0, axis] = min(bounds_low[0, axis], points[centre, axis])
+                bounds_high[0, axis] = max(bounds_high[0, axis], points[centre, axis])
         near, contained = 0, 0
         left, right, down, up = np.inf, -np.inf, np.inf, -np.inf
         for block in range(blocks):
             if blocks_excluded[block, solid] or (
-                _boxes_distance(block_low[block], block_high[block], lowest, highest) > reach * reach
+                _boxes_distance(block_low[block], block_high[block], bounds_low[0], bounds_high[0]) > reach * reach
             ):
                 continue
             for vertex in candidates[block * BLOCK : (block + 1) * BLOCK]:
-                p = points[vertex]
-                away = _box_distance(p, lowest, highest)
+                x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
+                away = _box_distance(x, y, z, bounds_low, bounds_high, 0)
                 if (away > 0.0 and away >= reach * reach) or excluded[vertex, solid]:
                     continue
                 close[near], may_be_inside[near] = vertex, away == 0.0
                 near += 1
                 if away == 0.0:
                     contained += 1
-                    left, right = min(left, p[0]), max(right, p[0])
-                    down, up = min(down, p[1]), max(up, p[1])
+                    left, right = min(left, x), max(right, x)
+                    down, up = min(down, y), max(up, y)
         if near == 0:
             continue
         side = 1
@@ -274,27 +287,22 @@ def near_pairs(
         if contained > 0:
             side = min(max(int(np.sqrt(contained)), 1), MOST_SIDE)
             entries = _shadow_grid(points, faces, starts[solid], starts[solid + 1], left, right, down, up, side, cells)
-        last_face, last_v, last_w = -1, 0.0, 0.0
+        last_face = -1
         for number in range(near):
             vertex = close[number]
-            p = points[vertex]
+            x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
             inside = may_be_inside[number] and _is_inside(
-                p, points, faces, cells, entries, left, right, down, up, side
+                x, y, z, points, faces, cells, entries, left, right, down, up, side
             )
             if not inside and reach == 0.0:
                 continue
             bound = np.inf if inside else reach * reach
-            if last_face >= 0:  # the last one's nearest point bounds this one's distance
-                a, b, c = points[faces[last_face, 0]], points[faces[last_face, 1]], points[faces[last_face, 2]]
-                total = 0.0
-                for axis in range(3):
-                    gap = a[axis] + last_v * (b[axis] - a[axis]) + last_w * (c[axis] - a[axis]) - p[axis]
-                    total += gap * gap
-                bound = min(bound, total * (1.0 + 1e-9) + 1e-18)
-            best, face, v, w = _nearest(p, roots[solid], points, faces, lefts, firsts, counts, low, high, bound, stack)
+            best, face, v, w = _nearest(
+                x, y, z, roots[solid], points, faces, lefts, firsts, counts, low, high, bound, last_face, stack
+            )
             if face < 0:
                 continue
-            last_face, last_v, last_w = face, v, w
+            last_face = face  # neighbours come one after the other: a good guess for the next
             if found < len(out_vertex):
                 out_vertex[found], out_solid[found], out_face[found] = vertex, solid, face
                 out_v[found], out_w[found] = v, w

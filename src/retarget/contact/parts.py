@@ -17,7 +17,17 @@ from retarget.body.skinning import rest_vertices
 from retarget.character import Character, Mesh, Skeleton
 from retarget.correspond.joints import Humanoid
 from retarget.errors import RetargetError, unknown_name
-from retarget.geometry.topology import areas, pieces, proper, rim_edges, weld
+from retarget.geometry.topology import (
+    areas,
+    distinct,
+    is_oriented,
+    loops,
+    pieces,
+    proper,
+    rim_edges,
+    signed_volume,
+    weld,
+)
 
 Array = np.ndarray
 
@@ -42,10 +52,13 @@ PART_OF_JOINT: dict[str, str] = {
 LIMBS = tuple(name for name in PARTS if name.startswith(("left", "right")))
 
 SHEET = 10.0
-"""Squared length of its rims over its area from which on an open piece encloses nothing: a disc has 12.6, a half sphere
-6.3, an arm cut off at the shoulder about 2, a strand of hair far more. Ours."""
+"""Squared lengths of its rims over its area from which on an open piece encloses nothing: a disc has 12.6, a half sphere
+6.3, a sleeve as long as wide 6.3, an arm cut off at the shoulder about 1, a strand of hair far more. Ours."""
+THIN = 0.005
+"""Isoperimetric quotient (36 pi volume² / area³; a ball has 1, whole human bodies .03 to .1) below which a closed piece is
+cloth with two sides: a cape a metre long and a centimetre thick has .002. Ours."""
 ISLAND = 0.1
-"""Share of a part's largest patch below which a patch of its own is given to what surrounds it."""
+"""Share of a part's largest patch on the body below which a patch of its own is given to what surrounds it. Ours."""
 OWN_JOINTS = 0.9
 """Share of a piece's weight on joints that are no human's (hair, capes, weapons) from which on it is not body."""
 
@@ -65,14 +78,15 @@ class BodyParts:
     vertex_parts: Int[Array, "vertices"]
     """Index into `names` of each vertex."""
     face_parts: Int[Array, "faces"]
-    """Index into `names` of each face; -1 for faces without area at rest (two corners in one place)."""
+    """Index into `names` of each face; -1 for faces that do not count: two of their corners lie in one place at rest, or
+    they double another face."""
     welded: Int[Array, "vertices"]
     """The first vertex at each vertex's place: files double vertices along texture seams."""
     face_pieces: Int[Array, "faces"]
     """Connected piece of the welded surface that each face belongs to; -1 as above."""
     piece_kinds: tuple[str, ...]
-    """What each piece is: 'body' (worn clothes that enclose a volume included), 'sheet' (open, encloses nothing), 'hair',
-    'cloth' or 'prop' (told by joints of their own or by name)."""
+    """What each piece is: 'body' (worn clothes that enclose a volume included), 'sheet' (encloses nothing, or a layer of
+    cloth), 'hair', 'cloth' or 'prop' (told by joints of their own or by name)."""
 
     def index(self, name: str) -> int:
         """Raises `RetargetError` for an unknown part."""
@@ -120,22 +134,29 @@ def joint_parts(skeleton: Skeleton, humanoid: Humanoid) -> Int[Array, "joints"]:
 
 def body_parts(character: Character, humanoid: Humanoid) -> BodyParts:
     """Divide a character's surface. Raises `RetargetError` for a character without one."""
-    if character.skin is None or character.mesh is None:
+    if character.skin is None or character.mesh is None or len(character.mesh.vertices) == 0:
         raise RetargetError(f"{character.name or 'the character'} has no surface to divide into body parts")
-    skin, mesh, skeleton = character.skin, character.mesh, character.skeleton
     rest = rest_vertices(character)
     own = weight_by_part(character, humanoid)
     welded = weld(rest, own)
-    corners = welded[mesh.faces]
-    solid = proper(corners)
+    corners = welded[character.mesh.faces]
+    counts = proper(corners) & distinct(corners)
     face_pieces = np.full(len(corners), -1)
-    face_pieces[solid] = pieces(corners[solid], len(rest))
-    face_parts = np.full(len(corners), -1)
-    face_parts[solid] = own[corners[solid]].sum(axis=1).argmax(axis=1)
-    face_parts = _without_islands(corners, face_parts, face_pieces, areas(rest, corners))
-    vertex_parts = _parts_of_vertices(corners, face_parts, own)[welded]
+    face_pieces[counts] = pieces(corners[counts], len(rest))
     kinds = _kinds(character, humanoid, rest, corners, face_pieces)
+    face_parts = np.full(len(corners), -1)
+    face_parts[counts] = own[corners[counts]].sum(axis=1).argmax(axis=1)
+    on_body = np.array([kind == "body" for kind in kinds] + [False])[face_pieces]
+    face_parts = _without_islands(corners, face_parts, areas(rest, corners), on_body)
+    vertex_parts = _parts_of_vertices(corners, face_parts, own)[welded]
     return BodyParts(PARTS, vertex_parts, face_parts, welded, face_pieces, kinds, corners)
+
+
+def body_height(rest: Float[Array, "vertices 3"], parts: BodyParts, humanoid: Humanoid) -> float:
+    """Extent (metres) of the body along its up axis at rest; hats that enclose their head count, what hands hold does not.
+    0 for a character none of whose pieces is body."""
+    own = rest[parts.body_vertices]
+    return float(np.ptp(own @ humanoid.axes[1])) if len(own) else 0.0
 
 
 def weight_by_part(character: Character, humanoid: Humanoid) -> Float[Array, "vertices parts"]:
@@ -156,20 +177,19 @@ def _weight_by(skin, groups: Int[Array, "columns"], count: int, vertices: int) -
 def _without_islands(
     corners: Int[Array, "faces 3"],
     face_parts: Int[Array, "faces"],
-    face_pieces: Int[Array, "faces"],
     area: Float[Array, "faces"],
+    on_body: Bool[Array, "faces"],
 ) -> Int[Array, "faces"]:
-    """Small patches of a part inside another are given to the part they share most vertices with."""
+    """Patches of a part that are small beside its largest on the body are given to the largest patch that they touch. What
+    is no body does not count: a shield must not make an island of the hand that holds it."""
     face_parts = face_parts.copy()
     for _ in range(3):
         patch = _patches(corners, face_parts)
         size = np.bincount(patch[patch >= 0], weights=area[patch >= 0])
         part_of = np.full(len(size), -1)
         part_of[patch[patch >= 0]] = face_parts[patch >= 0]
-        piece_of = np.full(len(size), -1)
-        piece_of[patch[patch >= 0]] = face_pieces[patch >= 0]
         largest = np.zeros(len(PARTS))
-        np.maximum.at(largest, part_of, size)
+        np.maximum.at(largest, face_parts[on_body], size[patch[on_body]])
         small = np.flatnonzero(size < ISLAND * largest[part_of])
         if len(small) == 0:
             break
@@ -229,21 +249,30 @@ def _kinds(
     kinds = []
     for piece in range(int(face_pieces.max()) + 1 if len(face_pieces) else 0):
         own = np.flatnonzero(face_pieces == piece)
-        rim = rim_edges(corners[own])
-        length = float(np.linalg.norm(rest[rim[:, 0]] - rest[rim[:, 1]], axis=1).sum()) if len(rim) else 0.0
         material = _thing_of_materials(mesh, own, area)
         if foreign_share[corners[own]].mean() > OWN_JOINTS:
             joints = [skeleton.names[joint] for joint in _leading_joints(skin, corners[own])]
             kinds.append(material or _thing(joints) or "prop")
-        elif length**2 > SHEET * area[own].sum():
+        elif _is_sheet(rest, corners[own], float(area[own].sum())):
             kinds.append("sheet")
         else:  # clothes that enclose a volume may be all the body there is
             kinds.append("hair" if material == "hair" else "body")
     return tuple(kinds)
 
 
+def _is_sheet(rest: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], area: float) -> bool:
+    """Whether a piece encloses next to nothing: its rims are long (`SHEET`), or it is closed and thin (`THIN`)."""
+    rim = rim_edges(faces)
+    if len(rim):
+        lengths = np.bincount(loops(rim, len(rest)), weights=np.linalg.norm(rest[rim[:, 0]] - rest[rim[:, 1]], axis=1))
+        return bool((lengths**2).sum() > SHEET * area)
+    if not is_oriented(faces):  # then its volume is not known
+        return False
+    return bool(36 * np.pi * float(signed_volume(rest - rest[faces[0, 0]], faces)) ** 2 < THIN * area**3)
+
+
 def _foreign_joints(skeleton: Skeleton, humanoid: Humanoid) -> Bool[Array, "joints"]:
-    """Joints that are neither a human's, nor between a human's, nor hang on a finger: hair, capes, what hands hold."""
+    """Joints that are neither a human's nor above a human's: hair, capes, what hands hold."""
     known = set(humanoid.joints.values()) | set(humanoid.twists)
     ours = np.zeros(len(skeleton), dtype=bool)
     ours[list(known)] = True

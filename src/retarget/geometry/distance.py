@@ -10,17 +10,29 @@ from jaxtyping import Bool, Float, Int
 Array = np.ndarray
 
 
-def edge_graph(vertices: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"]) -> Any:
-    """Sparse symmetric matrix of edge lengths between vertices."""
-    from scipy.sparse import coo_matrix
+def edge_graph(
+    vertices: Float[Array, "vertices 3"],
+    faces: Int[Array, "faces 3"],
+    bridges: Int[Array, "bridges 2"] | None = None,
+    bridge_lengths: Float[Array, "bridges"] | None = None,
+) -> Any:
+    """Sparse symmetric matrix of edge lengths between vertices. `bridges` are further ways between vertices; the shortest
+    of several counts."""
+    from scipy.sparse import csr_matrix
 
     edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    lengths = np.maximum(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1), 1e-12)
-    count = len(vertices)
-    return coo_matrix(
-        (np.concatenate([lengths, lengths]), np.concatenate([edges, edges[:, ::-1]]).T), shape=(count, count)
-    ).tocsr()
+    lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    if bridges is not None:
+        edges, lengths = np.concatenate([edges, np.sort(bridges, axis=1)]), np.concatenate([lengths, bridge_lengths])
+        order = np.lexsort((lengths, edges[:, 1], edges[:, 0]))
+        edges, lengths = edges[order], lengths[order]
+        shortest = np.append(True, (np.diff(edges, axis=0) != 0).any(axis=1))[: len(edges)]
+        edges, lengths = edges[shortest], lengths[shortest]
+    lengths = np.maximum(lengths, 1e-300)  # an entry of nought is no edge
+    loop = edges[:, 0] == edges[:, 1]
+    (rows, columns), lengths = edges[~loop].T, lengths[~loop]
+    both = (np.concatenate([rows, columns]), np.concatenate([columns, rows]))
+    return csr_matrix((np.concatenate([lengths, lengths]), both), shape=(len(vertices), len(vertices)))
 
 
 def distance_along_edges(graph: Any, sources: Int[Array, "_"], limit: float) -> Float[Array, "vertices"]:

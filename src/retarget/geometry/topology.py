@@ -14,20 +14,51 @@ def weld(
     """For each vertex, the first one that lies at the same place and has the same `attributes`.
 
     Files double vertices along texture seams; such copies agree to the last bit or nearly so. Places are the same when
-    they agree to a millionth of the surface's extent, attributes when they agree to a thousandth.
+    they lie within a millionth of the surface's extent of each other, attributes when none differs by a thousandth;
+    what is the same as a third is the same.
     """
-    extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 1.0
-    rows = np.round(vertices / max(extent * 1e-6, 1e-300))
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    if len(vertices) == 0:
+        return np.zeros(0, dtype=np.int64)
+    tolerance = max(1e-6 * float(np.ptp(vertices, axis=0).max()), 1e-300)
+    rows = np.round((vertices - vertices.min(axis=0)) / tolerance)
     if attributes is not None:
         rows = np.concatenate([rows, np.round(attributes * 1e3)], axis=1)
-    _, first, group = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    return first[group.ravel()]
+    _, first, cell = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    # Copies that differ in the last bits may have been rounded into neighbouring cells.
+    near = cKDTree(vertices[first]).query_pairs(tolerance, output_type="ndarray")
+    if attributes is not None:
+        near = near[(np.abs(attributes[first[near[:, 0]]] - attributes[first[near[:, 1]]]) < 1e-3).all(axis=1)]
+    joined = coo_matrix((np.ones(len(near), dtype=bool), near.T), shape=(len(first), len(first)))
+    count, group = connected_components(joined, directed=False)
+    leader = np.full(count, len(vertices))
+    np.minimum.at(leader, group, first)
+    return leader[group[cell.ravel()]]
 
 
 def proper(faces: Int[Array, "faces 3"]) -> Array:
     """Which faces have three different corners (bool)."""
     a, b, c = faces.T
     return (a != b) & (b != c) & (c != a)
+
+
+def distinct(faces: Int[Array, "faces 3"]) -> Array:
+    """Which faces are the first on their three corners (bool). Files for viewers that draw one side only hold every
+    face twice, the copy turned over."""
+    kept = np.zeros(len(faces), dtype=bool)
+    kept[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]] = True
+    return kept
+
+
+def is_oriented(faces: Int[Array, "faces 3"]) -> bool:
+    """Whether the faces around every edge that is no rim run along it in both directions equally often."""
+    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    along = np.where(directed[:, 0] < directed[:, 1], 1, -1)
+    _, edge, count = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
+    return not np.bincount(edge.ravel(), weights=along, minlength=len(count))[count % 2 == 0].any()
 
 
 def pieces(faces: Int[Array, "faces 3"], vertices: int) -> Int[Array, "faces"]:
@@ -83,9 +114,9 @@ def closing_fans(
     """
     edges = rim_edges(faces)
     loop = loops(edges, vertices)
-    count = int(loop.max()) + 1 if len(loop) else 0
     caps = np.stack([edges[:, 1], edges[:, 0], vertices + loop], axis=1)
-    return caps, [np.unique(edges[loop == number]) for number in range(count)]
+    by_loop = edges[np.argsort(loop, kind="stable")]
+    return caps, [np.unique(own) for own in np.split(by_loop, np.cumsum(np.bincount(loop))[:-1])] if len(loop) else []
 
 
 def areas(vertices: Float[Array, "*batch vertices 3"], faces: Int[Array, "faces 3"]) -> Float[Array, "*batch faces"]:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import importlib
 from types import ModuleType
 
-BENCHES = {"skeletal": "retarget.evaluate.benches.skeletal"}
+BENCHES = {
+    "contact": "retarget.evaluate.benches.contact",
+    "skeletal": "retarget.evaluate.benches.skeletal",
+}
 
 
 def load_bench(name: str) -> ModuleType:

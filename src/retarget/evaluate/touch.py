@@ -1,0 +1,201 @@
+"""How a result touches itself against how its source did: contacts kept, contact error, penetration.
+
+Contacts are carried from the source to the target by the true correspondence where both have the embedded human's
+topology, else by dense sensors; never by a method's own map.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from retarget.body.kinematics import rest_pose, world_pose
+from retarget.body.skinning import Skinner, prepare_skinning
+from retarget.character import Motion
+from retarget.contact.carry import Carried, prepare_carry
+from retarget.contact.collide import Collider, prepare_collider
+from retarget.contact.detect import LEAVE, ContactDetector, Contacts, prepare_contacts
+from retarget.contact.parts import BodyParts
+from retarget.contact.sensor_bones import BONES
+from retarget.contact.sensors import Sensors, dense_layout, place_sensors, pose_sensors
+from retarget.contact.slim import girths
+from retarget.evaluate import metrics
+from retarget.motion.align import Actor
+
+Array = np.ndarray
+
+OF_THE_POSE = 0.5
+"""Probability from which on a contact counts as one of the pose."""
+
+
+@dataclass(frozen=True, eq=False)
+class SourceTouch:
+    """What a performance touches, found once for all targets."""
+
+    actor: Actor
+    detector: ContactDetector
+    motion: Motion
+    contacts: Contacts
+    depth: Float[Array, "frames vertices"]
+
+    @property
+    def parts(self) -> BodyParts:
+        return self.detector.collider.parts
+
+    def pose_rows(self, countable: Bool[Array, "tracks"] | None = None) -> Int[Array, "_"]:
+        """Rows of the contacts that belong to the pose and are not buried in the source itself; of `countable` tracks."""
+        contacts, tracks = self.contacts, self.contacts.tracks
+        chosen = tracks.pose_probability >= OF_THE_POSE
+        if countable is not None:
+            chosen = chosen & countable
+        clean = np.abs(contacts.distance) <= LEAVE * self.detector.threshold
+        return np.flatnonzero(chosen[contacts.track] & clean) if len(contacts.track) else contacts.track
+
+
+def observe(actor: Actor, motion: Motion, detector: ContactDetector | None = None) -> SourceTouch:
+    """Contacts and penetration of a performance. Raises `RetargetError` for a performer without a surface."""
+    detector = detector or prepare_contacts(actor.character, actor.humanoid)
+    pose = world_pose(motion)
+    collider = prepare_collider(actor.character, actor.humanoid, detector.collider.parts)
+    depth = collider.depths(detector.skinner.vertices(*pose))
+    return SourceTouch(actor, detector, motion, detector.clip(*pose, motion.fps), depth)
+
+
+@dataclass(frozen=True, eq=False)
+class TouchJudge:
+    """Judges results on one target against one source body; `prepare_judge` makes one."""
+
+    target: Actor
+    skinner: Skinner
+    collider: Collider
+    threshold: float
+    """Metres within which the target's skin touches: the source's threshold by the ratio of heights."""
+    carried: Carried | None
+    """Where the source's vertices lie on the target; None where both share one topology."""
+    sensors: tuple[Sensors, Sensors]
+    """The paper's 288 on source and target."""
+    radii: tuple[float, float]
+    """Of the arms of source and target, metres."""
+
+    def __call__(
+        self, touch: SourceTouch, motion: Motion, countable: Bool[Array, "tracks"] | None = None
+    ) -> dict[str, float | None]:
+        """Figures of one result, frame by frame beside the source's. `countable` names the tracks that can be kept on this
+        target at all (None: every one)."""
+        posed = self.skinner.vertices(*world_pose(motion))
+        depth = self.collider.depths(posed)
+        limb, height = self.collider.parts.limb_vertices, self.target.height
+        percent = metrics.penetration_percent(depth, limb)
+        in_source = metrics.penetration_percent(touch.depth, touch.parts.limb_vertices)
+        figures: dict[str, float | None] = {
+            "contacts_kept": self._kept(touch, posed, countable),
+            "contact_error": self._contact_error(touch, motion),
+            "penetration_percent": float(percent.mean()),
+            "source_penetration_percent": float(in_source.mean()),
+            "excess_penetration_percent": float(metrics.excess_penetration_percent(percent, in_source).mean()),
+            "new_penetration_percent": None,
+            "depth_mean_mm": metrics.depth_mean_mm(depth, limb, height),
+            "depth_p95_mm": metrics.depth_p95_mm(depth, limb, height),
+        }
+        if self.carried is None:
+            new = metrics.new_penetration_percent(depth, touch.depth, limb)
+            figures["new_penetration_percent"] = float(new.mean())
+        return figures
+
+    def _kept(
+        self, touch: SourceTouch, posed: Float[Array, "frames vertices 3"], countable: Bool[Array, "tracks"] | None
+    ) -> float | None:
+        contacts, rows = touch.contacts, touch.pose_rows(countable)
+        corners = touch.actor.character.mesh.faces[contacts.face[rows]]
+        vertices = np.concatenate([contacts.vertex[rows][:, None], corners], axis=1)
+        if self.carried is not None:
+            trusted = self.carried.valid[vertices].all(axis=1)
+            rows, vertices = rows[trusted], vertices[trusted]
+        if len(rows) == 0:
+            return None
+        places = self._places(posed, contacts.frame[rows], vertices)
+        touched = (contacts.barycentric[rows][:, :, None] * places[:, 1:]).sum(axis=1)
+        everywhere = np.ones((1, len(rows)), dtype=bool)
+        return metrics.contacts_kept(places[None, :, 0], touched[None], everywhere, self.threshold)
+
+    def _places(
+        self, posed: Float[Array, "frames vertices 3"], frame: Int[Array, "rows"], vertices: Int[Array, "rows corners"]
+    ) -> Float[Array, "rows corners 3"]:
+        """Where vertices of the source lie on the target's posed skin."""
+        if self.carried is None:
+            return posed[frame[:, None], vertices].astype(np.float64)
+        corners = self.target.character.mesh.faces[self.carried.faces[vertices]]
+        return (self.carried.barycentrics[vertices][..., None] * posed[frame[:, None, None], corners]).sum(axis=-2)
+
+    def _contact_error(self, touch: SourceTouch, motion: Motion) -> float | None:
+        distances = []
+        first, second = sensor_pairs(self.sensors)
+        for sensors, moving in zip(self.sensors, (touch.motion, motion)):
+            places, _ = pose_sensors(sensors, moving)
+            distances.append(np.linalg.norm(places[:, first] - places[:, second], axis=-1).astype(np.float64))
+        error = metrics.contact_error(*distances, *self.radii)
+        return None if np.isnan(error) else error
+
+
+def prepare_judge(touch: SourceTouch, target: Actor) -> TouchJudge:
+    """Match a source and a target for judging. Raises `RetargetError` for a target without a surface."""
+    source, character = touch.actor, target.character
+    collider = prepare_collider(character, target.humanoid)
+    on_source = place_sensors(source.character, source.humanoid)
+    carried = None
+    if not same_topology(source, target):
+        dense = [place_sensors(each.character, each.humanoid, dense_layout()) for each in (source, target)]
+        carried = prepare_carry(*dense)(*_vertices_as_points(source.character.mesh.faces, len(touch.depth[0])))
+    return TouchJudge(
+        target,
+        prepare_skinning(character),
+        collider,
+        touch.detector.threshold * target.height / source.height,
+        carried,
+        (on_source, place_sensors(character, target.humanoid)),
+        (arm_radius(source, touch.parts), arm_radius(target, collider.parts)),
+    )
+
+
+def same_topology(a: Actor, b: Actor) -> bool:
+    """Whether equal vertices of both mean the same place: one list of faces."""
+    faces, others = a.character.mesh.faces, b.character.mesh.faces
+    same_count = len(a.character.mesh.vertices) == len(b.character.mesh.vertices)
+    return same_count and faces.shape == others.shape and bool((faces == others).all())
+
+
+def _vertices_as_points(faces: Int[Array, "faces 3"], count: int) -> tuple[Array, Array]:
+    """A face and barycentrics for every vertex; vertices without a face take the first face's corner."""
+    face, corner = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    face[faces.ravel()] = np.repeat(np.arange(len(faces)), 3)
+    corner[faces.ravel()] = np.tile(np.arange(3), len(faces))
+    return face, np.eye(3)[corner]
+
+
+def sensor_pairs(sensors: tuple[Sensors, Sensors]) -> tuple[Int[Array, "pairs"], Int[Array, "pairs"]]:
+    """Pairs of a sensor on a hand and one anywhere but on the same arm, valid on both bodies (Ye 2024, appendix B; which
+    sensors are 'body' is ours)."""
+    names = np.array(BONES)[sensors[0].layout.bones]
+    valid = sensors[0].valid & sensors[1].valid
+    pairs = []
+    for side in ("left", "right"):
+        own = np.char.startswith(names, side) & (np.char.find(names, "Arm") >= 0)
+        hand, shoulder = names == f"{side}Hand", names == f"{side}Shoulder"
+        others = np.flatnonzero(valid & ~(own | hand | shoulder))
+        first, second = np.meshgrid(np.flatnonzero(valid & hand), others, indexing="ij")
+        pairs.append(np.stack([first.ravel(), second.ravel()]))
+    return tuple(np.concatenate(pairs, axis=1))
+
+
+def arm_radius(actor: Actor, parts: BodyParts) -> float:
+    """Mean distance of the skin of upper arms and forearms from their bones, metres (Ye 2024 leaves its measure open)."""
+    _, rest = rest_pose(actor.skeleton)
+    girth, joints, radii = girths(actor.character, actor.humanoid, parts), actor.humanoid.joints, []
+    for side in ("left", "right"):
+        for part, start, end in (("UpperArm", "UpperArm", "LowerArm"), ("Forearm", "LowerArm", "Hand")):
+            if f"{side}{part}" in girth:
+                length = np.linalg.norm(rest[joints[f"{side}{end}"]] - rest[joints[f"{side}{start}"]])
+                radii.append(girth[f"{side}{part}"] * length)
+    return float(np.mean(radii))
