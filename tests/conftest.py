@@ -6,6 +6,9 @@ from pathlib import Path
 import pytest
 from jaxtyping import install_import_hook
 
+import retarget.contact.kernels
+import retarget.evaluate.reference.ray_parity  # noqa: F401  (compiled loops: numba cannot take functions that are checked)
+
 hook = install_import_hook("retarget", "beartype.beartype")
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")

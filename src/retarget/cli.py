@@ -12,7 +12,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from retarget.evaluate.formulas import FORMULAS
+from retarget.evaluate.formulas import FORMULAS, REPORTED
 
 app = typer.Typer(
     name="retarget",
@@ -218,6 +218,53 @@ def picture(
     from retarget.commands import draw
 
     _say(draw(files, output, frames, size, view, clip), False)
+
+
+@app.command("evaluate", epilog="\n\n".join(f"{key}: {FORMULAS[key]}." for key in REPORTED))
+def evaluate_(
+    result: Annotated[
+        Path, typer.Argument(help="The animated character, or motion, to judge.", show_default=False)
+    ],
+    source: Annotated[Path, typer.Option(help="The motion that it was made from.", show_default=False)],
+    truth: Annotated[
+        Optional[Path],
+        typer.Option(help="The true animation of the result's character, where it is known.", show_default=False),
+    ] = None,
+    output: Annotated[
+        Optional[Path], typer.Option("--output", "-o", help="Also draw curves over time (.png).", show_default=False)
+    ] = None,
+    clip: Annotated[
+        Optional[str],
+        typer.Option(help="The result's clip (the last one of the source's name if not given).", show_default=False),
+    ] = None,
+    source_clip: Annotated[
+        Optional[str], typer.Option(help="The source's clip (the one of the result's name).", show_default=False)
+    ] = None,
+    truth_clip: Annotated[
+        Optional[str], typer.Option(help="The truth's clip (the last one of the result's name).", show_default=False)
+    ] = None,
+    start: Annotated[
+        Optional[float], typer.Option(help="First second of the source that was retargeted.", show_default=False)
+    ] = None,
+    end: Annotated[Optional[float], typer.Option(help="Last second of it.", show_default=False)] = None,
+    fps: Annotated[
+        Optional[float], typer.Option(help="Frames a second to judge at (30, or the file's if fewer).", show_default=False)
+    ] = None,
+    map_file: Annotated[
+        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
+    ] = None,
+    up: Up = None,
+    unit: Unit = None,
+    as_json: Json = False,
+) -> None:
+    """Judge a result before accepting it: `retarget evaluate knight_dance.glb --source dance.bvh -o curves.png`."""
+    _listen(False)
+    from retarget.commands_evaluate import Question, evaluate_files
+
+    question = Question(
+        result, source, truth, output, clip, source_clip, truth_clip, start, end, fps, map_file, up, unit
+    )
+    _say(evaluate_files(question, progress=sys.stderr.isatty() and not as_json), as_json)
 
 
 @app.command(epilog="\n\n".join(f"{key}: {sentence}." for key, sentence in FORMULAS.items()))

@@ -68,7 +68,7 @@ class Carrier:
     pairs: _Pairs
     surface: TargetSurface
 
-    def __call__(self, faces: Int[Array, "points"], barycentrics: Float[Array, "points 3"]) -> Carried:
+    def __call__(self, faces: Int[Array, "points"], barycentrics: Float[Array, "given 3"]) -> Carried:
         """Where points of the source's mesh lie on the target's.
 
         Raises `RetargetError` for faces that the source does not have and barycentrics of another number.

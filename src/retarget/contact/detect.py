@@ -144,9 +144,7 @@ def prepare_contacts(character: Character, humanoid: Humanoid, threshold: float 
     )
 
 
-def hands_placed(
-    humanoid: Humanoid, world_positions: Float[Array, "frames joints 3"]
-) -> Float[Array, "frames parts"]:
+def hands_placed(humanoid: Humanoid, world_positions: Float[Array, "frames joints 3"]) -> Float[Array, "frames parts"]:
     """How sure it is that a hand was put where it is, whatever the body's girth: 1 for a hand on a bent or raised arm, 0
     for one that hangs beside the thigh. By part; 0 for parts that are no hands.
 

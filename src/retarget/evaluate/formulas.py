@@ -46,4 +46,17 @@ FORMULAS = {
     "depth_p95_mm": "depth that 95 % of limb vertices deeper than 1 mm do not exceed, all frames together, mm at 1.7 m; 0 where none is",
     "weight_mse_x100": "100 x mean over vertices of (weight - true weight)^2 of each joint",
     "joint_error_cm": "distance of each rest joint from its true place, cm at 1.7 m",
+    # Of one result, as `retarget evaluate` judges it.
+    "deepest_mm": "largest depth of any vertex in a part that it does not belong to, mm at 1.7 m",
+    "hand_speed_m_s": "speed of both hand joints, mean over frames, m/s; `top` is the highest",
+    "foot_speed_m_s": "the same of both foot joints",
 }
+
+REPORTED = (
+    "direction_error_deg", "orientation_error_deg", "foot_slide_cm", "floor_error_cm", "jerk_ratio", "hand_speed_m_s",
+    "foot_speed_m_s", "contacts_kept", "penetration_percent", "new_penetration_percent", "new_part_penetration_percent",
+    "excess_penetration_percent", "depth_mean_mm", "depth_p95_mm", "deepest_mm", "mpjpe", "pa_mpjpe", "acc", "pa_acc",
+    "mse_over_height", "end_effector_position_error_cm", "end_effector_orientation_error_degrees", "mpvd", "pa_mpvd",
+    "mdel",
+)  # fmt: skip
+"""The figures of `retarget evaluate`, in the order of its table. It measures the result as it is, its feet held or not."""

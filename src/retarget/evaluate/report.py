@@ -74,7 +74,7 @@ class Report:
             "notes": list(self.notes),
             "height_m": self.height,
             "source_height_m": self.source_height,
-            "curves": {name: np.round(curve, 4).tolist() for name, curve in self.curves.items()},
+            "curves": {name: _listed(curve) for name, curve in self.curves.items()},
         }
 
 
@@ -170,3 +170,7 @@ def _rests_on(result: Take, ground: Grounds, track: SurfaceTrack | None) -> Sequ
 
 def _known(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _listed(curve: Array) -> list:
+    return curve.tolist() if curve.dtype == bool else np.round(curve, 4).tolist()

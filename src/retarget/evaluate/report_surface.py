@@ -245,7 +245,7 @@ def penetrations(source: SurfaceTrack | None, result: SurfaceTrack) -> Iterator[
     bigger = take.actor.height / source.take.actor.height if source is not None else 1.0
     for pair, depth in result.inside().items():
         own = theirs.get(pair, np.zeros_like(depth)) * bigger
-        for episode in episodes(depth - own, depth - own > tolerable, fps):
+        for episode in episodes(depth, depth - own > tolerable, fps):
             subject, other = subject_and_other(pair)
             at = episode.worst
             text = f"{subject} is {cm(depth[at])} inside {other} at {at / fps:.2f} s"
@@ -263,7 +263,7 @@ def through_floor(source: SurfaceTrack | None, result: SurfaceTrack) -> Iterator
         own = _below(source) * (take.actor.height / source.take.actor.height)
     for part, name in enumerate(PARTS):
         beyond = below[:, part] - own[:, part]
-        for episode in episodes(beyond, beyond > tolerable, fps):
+        for episode in episodes(below[:, part], beyond > tolerable, fps):
             at = episode.worst
             text = f"{spoken(name)} is {cm(below[at, part])} below the floor at {at / fps:.2f} s"
             yield problem(text, beyond[at] / tolerable, episode, fps, "floor", name)

@@ -125,7 +125,7 @@ def areas(vertices: Float[Array, "*batch vertices 3"], faces: Int[Array, "faces 
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1)
 
 
-def signed_volume(vertices: Float[Array, "*batch vertices 3"], faces: Int[Array, "faces 3"]) -> Float[Array, "*batch"]:
+def signed_volume(vertices: Float[Array, "*batch vertices 3"], faces: Int[Array, "faces 3"]) -> Float[Array, "*batch"] | float:
     """Volume within a closed, outward oriented surface: the sum of signed tetrahedra to the origin (Basset 2019, section
     4.2.1, with the fifth term of the printed formula corrected to -x_j y_i z_k)."""
     a, b, c = (vertices[..., faces[:, corner], :] for corner in range(3))

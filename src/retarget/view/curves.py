@@ -20,7 +20,9 @@ LEFT, RIGHT = "#0072b2", "#d55e00"
 """Colours of the body's sides, apart for every kind of colour vision (Okabe and Ito 2008)."""
 NEUTRAL, SOURCE = "#3b3b3b", "#a6a6a6"
 MOST_BARS = 14
-"""Rows of contacts at most; those that last longest."""
+"""Rows of contacts at most."""
+LEAST_CM, LEAST_SPEED = 4.0, 0.5
+"""The axes reach at least so far, lest noise on standing feet fill a panel; cm and m/s."""
 WIDTH, DPI = 11.0, 110
 """Inches, and pixels an inch."""
 
@@ -57,14 +59,15 @@ def draw_curves(report: Report, title: str = "") -> Any:
     for axis, (name, _) in zip(axes, panels):
         draw[name](axis)
         _plain(axis, report)
-    axes[-1].set_xlabel("time (s)")
+    axes[-1].set_xlabel("time (s)", fontsize=9)
+    figure.align_ylabels([axis for axis, (name, _) in zip(axes, panels) if name != "bars"])
     _legend(figure)
     return figure
 
 
 def bar_rows(report: Report) -> Iterator[tuple[str, Bool[Array, "frames"], Bool[Array, "frames"] | None]]:
-    """(label, result, source) of each row: ground contacts, then parts that touch, those that last longest; what never
-    touches in either is left out. The source is None where it is not known."""
+    """(label, result, source) of each row: ground contacts, then parts that touch, first those of the source, the longest
+    first; what never touches is left out. The source is None where it is not known."""
     rows = []
     for order, kind in enumerate(("ground", "touch")):
         names = dict.fromkeys(name.split("/", 2)[2] for name in report.curves if name.startswith(f"{kind}/"))
@@ -76,9 +79,8 @@ def bar_rows(report: Report) -> Iterator[tuple[str, Bool[Array, "frames"], Bool[
             longest = int(max(result.sum(), source.sum()))
             if longest:
                 label = f"{name} – floor" if kind == "ground" else name
-                rows.append((order, -longest, label, result, source if known or source.any() else None))
-    shown = sorted(rows, key=lambda row: row[1])[:MOST_BARS]
-    for _, _, label, result, source in sorted(shown, key=lambda row: (row[0], row[1], row[2])):
+                rows.append((order, not source.any(), -longest, label, result, source if known else None))
+    for *_, label, result, source in sorted(rows, key=lambda row: row[:4])[:MOST_BARS]:
         yield label, result, source
 
 
@@ -106,11 +108,10 @@ def _depth(axis: Any, report: Report) -> None:
         axis.plot(time[worst], depth[worst], "o", color=NEUTRAL, markersize=4)
         late = time[worst] > 0.6 * time[-1]
         axis.annotate(
-            report.facts.get("deepest", ""), (time[worst], depth[worst]), (-7 if late else 7, -1),
-            textcoords="offset points", ha="right" if late else "left", va="center", fontsize=8, color=NEUTRAL,
-            bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
+            report.facts.get("deepest", ""), (time[worst], depth[worst]), (0, 6), textcoords="offset points",
+            ha="right" if late else "left", va="bottom", fontsize=8, color=NEUTRAL,
         )  # fmt: skip
-    axis.set_ylim(0, max(1.0, 1.25 * float(depth.max())))
+    axis.set_ylim(0, max(LEAST_CM / 2, 1.4 * float(depth.max())))
     axis.set_ylabel("deepest\npenetration (cm)", fontsize=8)
 
 
@@ -121,10 +122,12 @@ def _sides(axis: Any, report: Report, kind: str, part: str, label: str) -> None:
         axis.plot(time, source, color=colour, linewidth=1.0, linestyle=(0, (4, 2)), alpha=0.55)
     for side, colour in (("left", LEFT), ("right", RIGHT)):
         axis.plot(time, report.curves[f"{kind}/result/{side} {part}"], color=colour, linewidth=1.3)
+    low, high = axis.get_ylim()
     if kind == "foot_height_cm":
         axis.axhline(0.0, color="black", linewidth=0.8)
+        axis.set_ylim(min(low, -LEAST_CM / 4), max(high, LEAST_CM))
     else:
-        axis.set_ylim(bottom=0)
+        axis.set_ylim(0.0, max(high, LEAST_SPEED))
     axis.set_ylabel(label, fontsize=8)
 
 
@@ -148,7 +151,7 @@ def _legend(figure: Any) -> None:
         Line2D([], [], color=NEUTRAL, linewidth=2, label="both or neither side"),
         Line2D([], [], color=SOURCE, **dashed, label="dashed, grey: the source, in the result's size"),
     ]
-    figure.legend(handles=handles, loc="outside upper right", ncols=4, fontsize=8, frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
 
 
 def _side_colour(label: str) -> str:

@@ -1,0 +1,217 @@
+"""What `retarget evaluate` does: read result, source and truth, measure, draw, and put the report into words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from retarget.character import Motion
+from retarget.errors import FileError
+from retarget.evaluate.report import Report, evaluate
+from retarget.evaluate.take import Take
+from retarget.io import load
+from retarget.io.asset import Asset
+from retarget.motion.filter import cut
+from retarget.progress import progress_line
+from retarget.retargeting import Hints, cast
+
+
+@dataclass(frozen=True)
+class Question:
+    """What `retarget evaluate` was asked."""
+
+    result: Path
+    source: Path
+    truth: Path | None = None
+    output: Path | None = None
+    """The picture of curves."""
+    clip: str | None = None
+    source_clip: str | None = None
+    truth_clip: str | None = None
+    start: float | None = None
+    end: float | None = None
+    """The part of the source that the result was made from, seconds."""
+    fps: float | None = None
+    map_file: Path | None = None
+    up: str | None = None
+    unit: float | None = None
+    """What is known of the source's file."""
+
+
+ROWS: tuple[tuple[str, tuple[tuple[str, str, str, float], ...]], ...] = (
+    ("pose", (
+        ("direction_error_deg", "limb direction, off the source's", "deg", 1),
+        ("orientation_error_deg", "palms, soles and face, off the source's", "deg", 1),
+    )),
+    ("ground", (
+        ("foot_slide_cm", "foot slide over a contact", "cm", 1),
+        ("floor_error_cm", "resting feet over or under the floor", "cm", 1),
+    )),
+    ("motion", (
+        ("jerk_ratio", "jerk, result over source", "", 1),
+        ("hand_speed_m_s", "hand speed, mean", "m/s", 1),
+        ("hand_top_speed_m_s", "hand speed, highest", "m/s", 1),
+        ("foot_speed_m_s", "foot speed, mean", "m/s", 1),
+        ("foot_top_speed_m_s", "foot speed, highest", "m/s", 1),
+    )),
+    ("contact", (
+        ("contacts_kept", "the source's contacts kept", "%", 100),
+        ("penetration_percent", "limb vertices inside other parts", "%", 1),
+        ("new_penetration_percent", "  where the source's are not", "%", 1),
+        ("excess_penetration_percent", "  more than the source's", "%", 1),
+        ("depth_mean_mm", "depth of these, mean", "mm", 1),
+        ("depth_p95_mm", "depth of these, 95 % within", "mm", 1),
+        ("deepest_mm", "deepest vertex", "mm", 1),
+    )),
+    ("truth", (
+        ("mpjpe", "joints off the truth (MPJPE)", "mm", 1000),
+        ("pa_mpjpe", "  aligned (PA-MPJPE)", "mm", 1000),
+        ("acc", "acceleration error (Acc)", "mm/frame²", 1000),
+        ("pa_acc", "  aligned (PA-Acc)", "mm/frame²", 1000),
+        ("mse_nkn", "MSE over height, NKN", "cm", 1),
+        ("mse_meshret", "  MeshRet", "mm", 1000),
+        ("mse_san", "  SAN, x 1000", "", 1000),
+        ("mse_star", "  STaR, x 1000", "", 1000),
+        ("local_mse_nkn", "local MSE over height, NKN", "cm", 1),
+        ("local_mse_meshret", "  MeshRet", "mm", 1000),
+        ("local_mse_san", "  SAN, x 1000", "", 1000),
+        ("local_mse_star", "  STaR, x 1000", "", 1000),
+        ("end_effector_position_error_cm", "hands, feet and head off the truth", "cm", 1),
+        ("end_effector_orientation_error_degrees", "  their turn", "deg", 1),
+        ("mpvd", "vertices off the truth (MPVD)", "mm", 1000),
+        ("pa_mpvd", "  aligned (PA-MPVD)", "mm", 1000),
+        ("mdel", "edge lengths off the truth (MDEL)", "mm", 1000),
+    )),
+)  # fmt: skip
+"""The printed table: figure, words, unit, and what the figure is multiplied by for that unit."""
+
+
+def evaluate_files(question: Question, progress: bool = False) -> dict[str, Any]:
+    """Measure a result and print the report. Raises `RetargetError` for input that cannot be used."""
+    if question.output is not None:
+        _check_picture(question.output)
+    with progress_line(progress) as tell:
+        tell("reading", 0)
+        takes, clips, notes = _takes(question)
+        report = evaluate(takes["source"], takes["result"], takes.get("truth"), question.fps, tell)
+        if question.output is not None:
+            from retarget.view.curves import save_curves
+
+            tell("drawing", 0)
+            title = f"{question.result.name} [{clips['result']}] from {question.source.name} [{clips['source']}]"
+            save_curves(question.output, report, title)
+    notes += report.notes
+    answer = {"result": str(question.result), "source": str(question.source), "clips": clips} | report.as_dict()
+    return answer | {"notes": notes, "lines": list(_lines(question, report, clips, notes))}
+
+
+def _check_picture(path: Path) -> None:
+    if path.suffix.lower() != ".png":
+        raise FileError(path, "pictures are written as .png")
+    if not path.absolute().parent.is_dir():
+        raise FileError(path, f"the folder {path.parent} does not exist")
+
+
+def _takes(question: Question) -> tuple[dict[str, Take], dict[str, str], list[str]]:
+    """Result, source and truth in metres, the names of their clips, and what was chosen for the user."""
+    assets = {"result": load(question.result), "source": load(question.source)}
+    if question.truth is not None:
+        assets["truth"] = load(question.truth)
+    numbers, notes = _choose_clips(assets, question)
+    source_joints = target_joints = None
+    if question.map_file is not None:
+        from retarget.correspond.map_file import read_map
+
+        tables = read_map(question.map_file)
+        source_joints, target_joints = tables["source"] or None, tables["target"] or None
+    takes, clips = {}, {}
+    for who, asset in assets.items():
+        motion = asset.motion(numbers[who])
+        hints = Hints(source_joints, question.up, question.unit) if who == "source" else Hints(target_joints)
+        actor = cast(asset, hints, motion)
+        clips[who] = motion.name
+        motion = actor.house_from_file.motion(motion)
+        takes[who] = Take(actor, _part(motion, question) if who == "source" else motion)
+    return takes, clips, notes
+
+
+def _part(motion: Motion, question: Question) -> Motion:
+    return motion if question.start is None and question.end is None else cut(motion, question.start, question.end)
+
+
+def _choose_clips(assets: dict[str, Asset], question: Question) -> tuple[dict[str, str | int], list[str]]:
+    """The clips as named, else those that belong together by name, else the result's last and the source's first."""
+    names = {who: [clip.name for clip in asset.clips] for who, asset in assets.items()}
+    chosen: dict[str, str | int] = {}
+    wanted = {"result": question.clip, "source": question.source_clip, "truth": question.truth_clip}
+    for who, asset in assets.items():
+        if wanted[who] is not None or not names[who]:
+            asset.motion(wanted[who])  # raises for a name that is not there, and for files without clips
+            chosen[who] = wanted[who]
+    if "result" not in chosen:
+        asked = question.source_clip or (names["source"][0] if len(names["source"]) == 1 else None)
+        chosen["result"] = _last_named(names["result"], asked)
+    played = names["result"][chosen["result"]] if isinstance(chosen["result"], int) else chosen["result"]
+    if "source" not in chosen:
+        alike = [each for each in (played, _bare(played)) if each in names["source"]]
+        chosen["source"] = names["source"].index(alike[0]) if alike else 0
+    if "truth" in assets and "truth" not in chosen:
+        chosen["truth"] = _last_named(names["truth"], played)
+    options = {"result": "--clip", "source": "--source-clip", "truth": "--truth-clip"}
+    notes = [
+        f"the {who} holds {len(names[who])} clips; {names[who][number]!r} is taken ({options[who]} to choose)"
+        for who, number in chosen.items()
+        if isinstance(number, int) and len(names[who]) > 1
+    ]
+    return chosen, notes
+
+
+def _last_named(names: list[str], name: str | None) -> int:
+    """The last clip of that name, numbered or not, since appended animations stand last; the last of all if none has it."""
+    alike = [number for number, each in enumerate(names) if name in (each, _bare(each))]
+    return alike[-1] if alike else len(names) - 1
+
+
+def _bare(name: str) -> str:
+    """A clip's name without the number that a taken name gets when it is written."""
+    return re.sub(r"_\d+$", "", name)
+
+
+def _lines(question: Question, report: Report, clips: dict[str, str], notes: list[str]) -> Iterator[str]:
+    figures = report.figures
+    yield f"{question.result} [{clips['result']}] from {question.source} [{clips['source']}]"
+    yield (
+        f"{figures['frames']:.0f} frames, {figures['seconds']:.2f} s at {figures['fps']:g} frames a second; "
+        f"the body is {report.height:.2f} m tall, the source {report.source_height:.2f} m"
+    )
+    yield ""
+    yield f"{'':12}{'':42}{'result':>10}{'source':>10}"
+    for group, rows in ROWS:
+        for key, words, unit, factor in rows:
+            if key in figures:
+                own, theirs = (_number(figures.get(name), factor) for name in (key, f"source_{key}"))
+                theirs = theirs if f"source_{key}" in figures else ""
+                yield f"{group:12}{words:42}{own:>10}{theirs:>10}  {unit}".rstrip()
+                group = ""
+    yield ""
+    yield f"{'rests on':12}{report.facts['rests on']}"
+    if "deepest" in report.facts:
+        yield f"{'deepest':12}{report.facts['deepest']}"
+    yield ""
+    if report.problems:
+        yield "Look at these, worst first:"
+        yield from (f"{number:3}. {each.sentence}" for number, each in enumerate(report.problems, 1))
+    else:
+        yield "Nothing that needs a look was found."
+    yield ""
+    yield "cm and mm in the table are at a body height of 1.7 m, in sentences and curves in this body's own size"
+    yield from (f"note: {note}" for note in notes)
+    if question.output is not None:
+        yield f"{question.output}: curves over time"
+
+
+def _number(value: float | None, factor: float) -> str:
+    return "-" if value is None else f"{value * factor:.2f}"
