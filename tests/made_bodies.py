@@ -180,10 +180,10 @@ def posed(character, turns):
 
 
 ARMS_AT_WORK = {
-    "leftUpperArm": [0.3, 0, -0.5], "rightUpperArm": [0.3, 0, 0.5], "leftLowerArm": [-1.3, -0.9, 0],
-    "rightLowerArm": [-1.2, 0.9, 0], "leftUpperLeg": [-1.0, 0, -0.2], "leftLowerLeg": [1.4, 0, 0], "spine": [0.3, 0.2, 0],
+    "leftUpperArm": [0.3, 0, -0.3], "rightUpperArm": [0.5, 0, 0.2], "leftLowerArm": [-0.7, -1.4, 0.2],
+    "rightLowerArm": [-0.7, 1.4, -0.2], "leftUpperLeg": [-1.0, 0, -0.2], "leftLowerLeg": [1.4, 0, 0],
 }  # fmt: skip
-"""Both hands before or in the belly, one leg drawn up."""
+"""Both hands on the belly, in it where there is much of it, and one leg drawn up."""
 
 
 def random_turns(seed):

@@ -16,13 +16,14 @@ changes little (`tests/contact/test_carry.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from retarget.body import rotations as rot
+from retarget.contact.sensor_bones import Stance
 from retarget.contact.sensor_surface import TargetSurface
 from retarget.contact.sensors import Sensors, surface_points
 from retarget.errors import RetargetError
@@ -41,6 +42,8 @@ STIFF = 0.01
 NEAR, PULL = 0.03, 0.3
 """Shares of height by which a point goes astray rather than to a surface whose normal stands at right angles to the
 wanted one: when it is carried, and when pairs are improved."""
+CHUNK = 20_000
+"""Points carried in one go: bounds the memory."""
 TRUSTED = 0.25
 """Confidence from which a carried point counts as valid."""
 
@@ -79,16 +82,24 @@ class Carrier:
             raise RetargetError(
                 f"points are (n,) faces and (n, 3) barycentrics, received {faces.shape} and {barycentrics.shape}"
             )
-        if len(faces) and not 0 <= faces.min() <= faces.max() < len(stance.faces):
-            raise RetargetError(f"a point lies on face {int(faces.max())} of {len(stance.faces)} of the source")
-        points = surface_points(stance.vertices, stance.faces, faces, barycentrics) / stance.height
-        normals = rot.unit(surface_points(stance.normals, stance.faces, faces, barycentrics))
-        limbs = surface_points(stance.limbs(), stance.faces, faces, barycentrics)
+        outside = faces[(faces < 0) | (faces >= len(stance.faces))]
+        if len(outside):
+            raise RetargetError(f"a point lies on face {outside[0]}; the source has {len(stance.faces)} faces")
+        carried = Carried(np.empty(len(faces), np.int64), np.empty((len(faces), 3)), np.empty(len(faces)))
+        for start in range(0, len(faces), CHUNK):
+            part = slice(start, start + CHUNK)
+            carried.faces[part], carried.barycentrics[part], carried.confidence[part] = self._carry(
+                faces[part], barycentrics[part]
+            )
+        return carried
+
+    def _carry(self, faces: Array, barycentrics: Array) -> tuple[Array, Array, Array]:
+        points, normals, limbs = _stanced(self.source.stance, faces, barycentrics)
         images, wanted, apart = self.pairs.map(points, normals, limbs, NEIGHBOURS)
         found, shares, places, agree = self.surface.project(images, wanted, NEAR)
         missed = np.linalg.norm(places - images, axis=1)
         confidence = np.exp(-((missed / 0.03) ** 2) - (apart / 0.06) ** 2) * np.clip(0.5 + agree, 0.0, 1.0)
-        return Carried(found, shares, confidence)
+        return found, shares, confidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,42 +161,32 @@ def prepare_carry(source: Sensors, target: Sensors, rounds: int = 4) -> Carrier:
             "and check that joints and surface belong together"
         )
     surface = TargetSurface.of(target.stance)
-    pairs = _pairs(source, target, both)
-    if rounds:
-        few = both[:: max(1, len(both) // NODES)]
-        nodes = _pairs(source, target, few)
-        for _ in range(rounds):
-            nodes = _improved(nodes, surface)
-    return Carrier(source, target, nodes if rounds else pairs, surface)
+    pairs = _pair(source, target, both[:: max(1, len(both) // NODES)] if rounds else both)
+    for _ in range(rounds):
+        pairs = _improved(pairs, surface)
+    return Carrier(source, target, pairs, surface)
 
 
-def _pairs(source: Sensors, target: Sensors, which: Array) -> _Pairs:
-    (anchors, normals, limbs), (images, image_normals, _) = (_stanced(each, which) for each in (source, target))
-    return _paired(anchors, normals, limbs, images, image_normals)
-
-
-def _stanced(sensors: Sensors, which: Array) -> tuple[Array, Array, Array]:
-    stance, faces, shares = sensors.stance, sensors.faces[which], sensors.barycentrics[which]
-    points = surface_points(stance.vertices, stance.faces, faces, shares) / stance.height
-    normals = rot.unit(surface_points(stance.normals, stance.faces, faces, shares))
-    return points, normals, surface_points(stance.limbs(), stance.faces, faces, shares)
-
-
-def _paired(
-    anchors: Array, normals: Array, limbs: Array, images: Array, image_normals: Array, tree: Any = None
-) -> _Pairs:
+def _pair(source: Sensors, target: Sensors, which: Int[Array, "nodes"]) -> _Pairs:
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(_key(anchors, normals, limbs)) if tree is None else tree
-    return _Pairs(anchors, normals, limbs, images, image_normals, tree)
+    here, there = (_stanced(each.stance, each.faces[which], each.barycentrics[which]) for each in (source, target))
+    return _Pairs(*here, images=there[0], image_normals=there[1], tree=cKDTree(_key(*here)))
+
+
+def _stanced(stance: Stance, faces: Array, barycentrics: Array) -> tuple[Array, Array, Array]:
+    """Places in shares of height, normals and limbs of points of a body in the stance."""
+    points = surface_points(stance.vertices, stance.faces, faces, barycentrics) / stance.height
+    normals = rot.unit(surface_points(stance.normals, stance.faces, faces, barycentrics))
+    return points, normals, surface_points(stance.limbs(), stance.faces, faces, barycentrics)
 
 
 def _improved(pairs: _Pairs, surface: TargetSurface) -> _Pairs:
     """One round: images onto the surface where the normal is most like the source's, then smoothed."""
     _, _, places, _ = surface.project(pairs.images, pairs.normals, PULL)
-    pulled = _Pairs(pairs.anchors, pairs.normals, pairs.limbs, places, pairs.image_normals, pairs.tree)
+    pulled = replace(pairs, images=places)
     images, normals, _ = pulled.map(pairs.anchors, pairs.normals, pairs.limbs, ROUND_NEIGHBOURS)
-    return _Pairs(pairs.anchors, pairs.normals, pairs.limbs, images, normals, pairs.tree)
+    return replace(pairs, images=images, image_normals=normals)
 
 
 def carry(

@@ -115,15 +115,18 @@ class ContactDetector:
         return _tracked(found, self.threshold, least, self.collider)
 
     def _stays(self, slim: Sequence[Float[Array, "vertices 3"]], pairs: SurfacePairs) -> Float[Array, "pairs"]:
-        """Share of the slimmer bodies on which the same points still meet in the same pose; a gap of one threshold (along
-        the normal of the touched point) counts full, of three not at all. All 1 where the body is thin already."""
+        """Share of the slimmer bodies on which the same points still meet in the same pose; a gap of one threshold counts
+        full, of three not at all. All 1 where the body is thin already."""
         if not slim or len(pairs.vertex) == 0:
             return np.ones(len(pairs.vertex))
         corners = self.skinner.character.mesh.faces[pairs.face]
         shares = []
         for vertices in slim:
             touched = (pairs.barycentric[:, :, None] * vertices[corners]).sum(axis=1)
-            gap = ((vertices[pairs.vertex] - touched) * pairs.normal).sum(axis=1)
+            way = vertices[pairs.vertex] - touched
+            out = (way * pairs.normal).sum(axis=1)
+            aside = np.linalg.norm(way - out[:, None] * pairs.normal, axis=1)
+            gap = np.hypot(np.maximum(out, 0.0), aside)  # what is still inside touches
             shares.append(np.clip((3.0 - gap / self.threshold) / 2.0, 0.0, 1.0))
         return np.mean(shares, axis=0)
 
@@ -160,7 +163,8 @@ def hands_placed(humanoid: Humanoid, world_positions: Float[Array, "frames joint
         shoulder, elbow, hand = (at[f"{side}{name}"] for name in ("UpperArm", "LowerArm", "Hand"))
         length = np.linalg.norm(elbow - shoulder, axis=1) + np.linalg.norm(hand - elbow, axis=1)
         reach = np.linalg.norm(hand - shoulder, axis=1)
-        straight = np.clip((reach / np.maximum(length, 1e-12) - 0.90) / 0.07, 0.0, 1.0)
+        # An arm that hangs at ease is bent by up to 45 degrees (reach .92), one with its hand on the hip by 80 (.77).
+        straight = np.clip((reach / np.maximum(length, 1e-12) - 0.82) / 0.08, 0.0, 1.0)
         downwards = ((hand - shoulder) * down).sum(axis=1) / np.maximum(reach, 1e-12)
         hanging = straight * np.clip((downwards - np.cos(np.radians(40))) / 0.14, 0.0, 1.0)
         placed[:, PARTS.index(f"{side}Hand")] = 1.0 - hanging
@@ -185,7 +189,7 @@ def _tracked(
     rows = {name: column[kept] for name, column in rows.items()}
     _, first, track = np.unique(run[kept], return_index=True, return_inverse=True)
     track = track.ravel()
-    stop = np.append(first[1:], len(track))
+    stop = np.append(first[1:], len(track))[: len(first)]  # none where nothing touches
     anchor = np.lexsort((rows["distance"], track))[first]  # the closest row of each track
     count = np.bincount(track, minlength=len(first))
     tracks = ContactTracks(

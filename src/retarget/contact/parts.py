@@ -63,7 +63,7 @@ OWN_JOINTS = 0.9
 """Share of a piece's weight on joints that are no human's (hair, capes, weapons) from which on it is not body."""
 
 _THINGS: tuple[tuple[str, str], ...] = (
-    ("hair", r"hair|beard|moustache|eyebrow|eyelash|lashes|fur"),
+    ("hair", r"hair|ponytail|pigtail|braid|bangs|beard|moustache|eyebrow|eyelash|lashes"),
     ("prop", r"weapon|sword|shield|axe|bow|gun|rifle|bag|backpack|prop|staff|wand|arrow|quiver|spear|dagger|knife|mug"),
     ("cloth", r"cloth|cape|cloak|skirt|dress|shirt|coat|jacket|robe|scarf|pants|trousers|shorts|shoes?|boots?|hat|helmet"),
 )
@@ -300,7 +300,7 @@ def _thing_of_materials(mesh: Mesh, faces: Int[Array, "_"], area: Float[Array, "
 
 def _thing(names: list[str]) -> str | None:
     """What names of joints and materials say that a thing is."""
-    text = " ".join(names).lower()
+    text = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", " ".join(names)).lower()  # the words of LongHair
     for kind, pattern in _THINGS:
         if re.search(rf"(?:^|[^a-z])(?:{pattern})", text):
             return kind

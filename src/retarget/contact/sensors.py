@@ -50,8 +50,11 @@ Array = np.ndarray
 ASSOCIATED = 0.1
 """Mean skin weight above which a face belongs to a bone's mesh: on the embedded human 96 to 97% of 288 rays hit; at .25
 fewer do, and with all faces some hit a wrong part."""
-CHUNK = 2_000_000
-"""Pairs of rays and faces looked at in one go: bounds the memory."""
+PAIRS = 40_000
+"""Rays times faces looked at in one go: stays in the cache, and below what makes BLAS wake its threads."""
+
+STRETCH = 32
+"""Frames posed in one go: stays in the cache."""
 
 DENSE: dict[str, tuple[int, int, int, int]] = {
     # rings along the bone, sensors on a ring, tilted rings at the parent's end, at the child's end
@@ -218,32 +221,30 @@ def _cast(
     """
     hit, best = np.zeros(len(origins), bool), np.zeros(len(origins), np.int64)
     shares = np.zeros((len(origins), 3))
-    if not len(faces):
-        return hit, best, shares
     corners = vertices[faces]
     edges = []
     for i in range(3):
         b, c = corners[:, (i + 1) % 3], corners[:, (i + 2) % 3]
-        edges.append(np.concatenate([np.cross(b, c), b - c], axis=1).T)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    offsets = (normals * corners[:, 0]).sum(axis=1)
-    step = max(1, CHUNK // len(faces))
-    for start in range(0, len(origins), step):
-        part = slice(start, start + step)
-        lines = np.concatenate([directions[part], np.cross(directions[part], origins[part])], axis=1)
-        sides = [lines @ each for each in edges]
-        inside = (sides[0] >= 0) & (sides[1] >= 0) & (sides[2] >= 0)
-        ray, face = np.nonzero(inside)  # few: the rest is done for these alone
-        three = np.stack([side[ray, face] for side in sides], axis=1)
-        total = three.sum(axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (offsets[face] - (origins[part][ray] * normals[face]).sum(axis=1)) / total
-        good = np.flatnonzero((total > 0) & (distance > 0))
-        order = good[np.argsort(-distance[good] if outermost else distance[good], kind="stable")]
-        found, first = np.unique(ray[order], return_index=True)
-        chosen = order[first]
-        hit[start + found], best[start + found] = True, face[chosen]
-        shares[start + found] = three[chosen] / total[chosen, None]
+        edges.append(np.ascontiguousarray(np.concatenate([np.cross(b, c), b - c], axis=1).T))
+    lines = np.concatenate([directions, np.cross(directions, origins)], axis=1)
+    passed = []
+    step = max(1, PAIRS // max(len(faces), 1))
+    for start in range(0, len(lines), step):
+        first, second, third = (lines[start : start + step] @ each for each in edges)
+        at = np.nonzero((first >= 0) & (second >= 0) & (third >= 0))  # few: the rest is done for these alone
+        passed.append((start + at[0], at[1], np.stack([first[at], second[at], third[at]], axis=1)))
+    if not passed:
+        return hit, best, shares
+    ray, face, three = (np.concatenate(each) for each in zip(*passed))
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[face]
+    total = three.sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = ((corners[face, 0] - origins[ray]) * normals).sum(axis=1) / total
+    good = np.flatnonzero((total > 0) & (distance > 0))
+    order = good[np.argsort(-distance[good] if outermost else distance[good], kind="stable")]
+    found, first = np.unique(ray[order], return_index=True)
+    chosen = order[first]
+    hit[found], best[found], shares[found] = True, face[chosen], three[chosen] / total[chosen, None]
     return hit, best, shares
 
 
@@ -279,20 +280,39 @@ class SensorSkinner:
         self, world_rotations: Float[Array, "frames joints 4"], world_positions: Float[Array, "frames joints 3"]
     ) -> tuple[Float[Array, "frames sensors 3"], Float[Array, "frames sensors 3 3"]]:
         """Positions (metres) and orthonormal tangent frames, float32; zero for sensors that are not valid."""
+        frames, count = len(world_rotations), len(self.sensors)
+        places = np.empty((frames, count, 3), dtype=np.float32)
+        turned = np.empty((frames, count, 3, 3), dtype=np.float32)
+        for start in range(0, frames, STRETCH):
+            part = slice(start, start + STRETCH)
+            places[part], turned[part] = self._pose(world_rotations[part], world_positions[part])
+        return places, turned
+
+    def _pose(self, world_rotations: Array, world_positions: Array) -> tuple[Array, Array]:
         skin = self.sensors.character.skin
         T = np.matmul(joint_transforms(world_rotations, world_positions)[:, skin.joints, :3], skin.inverse_binds)
         count, frames = len(self.sensors), len(T)
         flat = np.ascontiguousarray(T.transpose(1, 3, 2, 0), dtype=np.float32).reshape(-1, 3 * frames)
         place, tangent, normal = (self.rows @ flat).reshape(3, count, 3, frames)
-        normal = normal / np.maximum(np.sqrt((normal**2).sum(axis=1, keepdims=True)), 1e-12)
-        tangent = tangent - (tangent * normal).sum(axis=1, keepdims=True) * normal
-        tangent = tangent / np.maximum(np.sqrt((tangent**2).sum(axis=1, keepdims=True)), 1e-12)
-        turned = np.empty((frames, count, 3, 3), dtype=np.float32)
-        turned[..., 0], turned[..., 2] = tangent.transpose(2, 0, 1), normal.transpose(2, 0, 1)
+        turned = np.empty((count, 3, 3, frames), dtype=np.float32)  # frames last: every operation runs along memory
+        _normalise(normal)
+        tangent -= np.einsum("sif,sif->sf", tangent, normal)[:, None] * normal
+        _normalise(tangent)
+        turned[:, :, 0], turned[:, :, 2] = tangent, normal
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
-            turned[:, :, i, 1] = (normal[:, j] * tangent[:, k] - normal[:, k] * tangent[:, j]).T
-        return np.ascontiguousarray(place.transpose(2, 0, 1)), turned
+            np.multiply(normal[:, j], tangent[:, k], out=turned[:, i, 1])
+            turned[:, i, 1] -= normal[:, k] * tangent[:, j]
+        return (
+            place.reshape(-1, frames).T.reshape(frames, count, 3),
+            turned.reshape(-1, frames).T.reshape(frames, count, 3, 3),
+        )
+
+
+def _normalise(vectors: Float[Array, "sensors 3 frames"]) -> None:
+    """To length one, in place; zero stays zero."""
+    square = np.einsum("sif,sif->sf", vectors, vectors)
+    vectors /= np.sqrt(np.maximum(square, 1e-24, out=square), out=square)[:, None]
 
 
 def prepare_sensor_skinning(sensors: Sensors) -> SensorSkinner:

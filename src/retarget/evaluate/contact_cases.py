@@ -14,7 +14,7 @@ from functools import lru_cache
 from retarget.body.human import PRESETS, human
 from retarget.character import Motion
 from retarget.errors import RetargetError
-from retarget.evaluate.cases import data_folder
+from retarget.evaluate.cases import data_folder, real_files
 from retarget.io import load
 from retarget.motion.align import Actor
 from retarget.motion.filter import cut, resample
@@ -35,6 +35,8 @@ files have no surface."""
 STAND_IN = "thin"
 LONGEST = 8.0
 """Seconds that are taken of a captured clip, from its middle."""
+FOREIGN = ("Barbarian", "Knight", "manny_med_mod", "mannequiny", "riggedMesh")
+"""Real characters that results are judged on through sensors; only reported, in no split."""
 FPS = 30.0
 
 QUICK_TARGETS = ("heavy", "toddler")
@@ -101,6 +103,16 @@ def cases_of(performance: Performance, quick: bool) -> Iterator[ContactCase]:
     """The performance for every body of the set but its own."""
     for name in QUICK_TARGETS if quick else SEEN_TARGETS + UNSEEN_TARGETS:
         yield ContactCase(performance, name, embedded_actor(name), split_of(name, performance.name))
+
+
+def foreign_actors() -> Iterator[tuple[str, Actor]]:
+    """Characters of other makers, where they are at hand: other proportions, other topology."""
+    for path in real_files(".glb", ".gltf"):
+        if path.stem in FOREIGN:
+            try:
+                yield path.stem, cast(load(path))
+            except RetargetError as error:
+                log.warning("left out: %s", error)
 
 
 def split_of(target: str, motion: str) -> str:

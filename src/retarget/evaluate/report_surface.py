@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from retarget.body.skinning import Skinner, prepare_skinning
+from retarget.body.skinning import Skinner
 from retarget.contact.collide import prepare_collider
 from retarget.contact.detect import Contacts, prepare_contacts
 from retarget.contact.ground_surface import RestingParts, resting_parts_of_clip
@@ -102,8 +102,9 @@ class SurfaceTrack:
 def surface_track(take: Take, floor: float, tell: Tell = untold) -> SurfaceTrack:
     """Collide, detect contacts and see what rests, over the whole clip. Raises `RetargetError` without a surface."""
     actor, fps = take.actor, take.fps
-    collider = prepare_collider(actor.character, actor.humanoid)
-    skinner = prepare_skinning(actor.character)
+    detector = prepare_contacts(actor.character, actor.humanoid)
+    collider = prepare_collider(actor.character, actor.humanoid, detector.collider.parts)
+    skinner = detector.skinner
     columns: list[list[Array]] = [[np.zeros(0, int)] * 3 + [np.zeros(0)]]
     for start in range(0, len(take), CHUNK):
         tell(f"collisions, frame {start} of {len(take)}", 0)
@@ -115,7 +116,6 @@ def surface_track(take: Take, floor: float, tell: Tell = untold) -> SurfaceTrack
             columns.append([at, pairs.vertex[rows], pairs.part[rows], -pairs.distance[rows]])
     depths = DepthRows(*(np.concatenate(column) for column in zip(*columns)), len(take))
     tell("contacts", 0)
-    detector = prepare_contacts(actor.character, actor.humanoid)
     contacts = detector.clip(*take.pose, fps)
     resting = resting_parts_of_clip(skinner, collider.parts, *take.pose, fps, actor.height, floor)
     return SurfaceTrack(take, skinner, collider.parts, depths, contacts, detector.threshold, resting)

@@ -89,8 +89,10 @@ class TouchJudge:
         limb, height = self.collider.parts.limb_vertices, self.target.height
         percent = metrics.penetration_percent(depth, limb)
         in_source = metrics.penetration_percent(touch.depth, touch.parts.limb_vertices)
+        kept, counted = self._kept(touch, posed, countable)
         figures: dict[str, float | None] = {
-            "contacts_kept": self._kept(touch, posed, countable),
+            "contacts_kept": kept,
+            "contacts_counted": counted,
             "contact_error": self._contact_error(touch, motion),
             "penetration_percent": float(percent.mean()),
             "source_penetration_percent": float(in_source.mean()),
@@ -106,7 +108,8 @@ class TouchJudge:
 
     def _kept(
         self, touch: SourceTouch, posed: Float[Array, "frames vertices 3"], countable: Bool[Array, "tracks"] | None
-    ) -> float | None:
+    ) -> tuple[float | None, int]:
+        """Share of the source's contacts kept, and how many (points times frames) were counted."""
         contacts, rows = touch.contacts, touch.pose_rows(countable)
         corners = touch.actor.character.mesh.faces[contacts.face[rows]]
         vertices = np.concatenate([contacts.vertex[rows][:, None], corners], axis=1)
@@ -114,11 +117,11 @@ class TouchJudge:
             trusted = self.carried.valid[vertices].all(axis=1)
             rows, vertices = rows[trusted], vertices[trusted]
         if len(rows) == 0:
-            return None
+            return None, 0
         places = self._places(posed, contacts.frame[rows], vertices)
         touched = (contacts.barycentric[rows][:, :, None] * places[:, 1:]).sum(axis=1)
         everywhere = np.ones((1, len(rows)), dtype=bool)
-        return metrics.contacts_kept(places[None, :, 0], touched[None], everywhere, self.threshold)
+        return metrics.contacts_kept(places[None, :, 0], touched[None], everywhere, self.threshold), len(rows)
 
     def _places(
         self, posed: Float[Array, "frames vertices 3"], frame: Int[Array, "rows"], vertices: Int[Array, "rows corners"]
@@ -139,13 +142,14 @@ class TouchJudge:
         return None if np.isnan(error) else error
 
 
-def prepare_judge(touch: SourceTouch, target: Actor) -> TouchJudge:
-    """Match a source and a target for judging. Raises `RetargetError` for a target without a surface."""
+def prepare_judge(touch: SourceTouch, target: Actor, by_sensors: bool = False) -> TouchJudge:
+    """Match a source and a target for judging. `by_sensors` carries contacts by sensors even where the true correspondence
+    is known: what that changes is the sensors' own error. Raises `RetargetError` for a target without a surface."""
     source, character = touch.actor, target.character
     collider = prepare_collider(character, target.humanoid)
     on_source = place_sensors(source.character, source.humanoid)
     carried = None
-    if not same_topology(source, target):
+    if by_sensors or not same_topology(source, target):
         dense = [place_sensors(each.character, each.humanoid, dense_layout()) for each in (source, target)]
         carried = prepare_carry(*dense)(*_vertices_as_points(source.character.mesh.faces, len(touch.depth[0])))
     return TouchJudge(
