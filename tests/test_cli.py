@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_motions import body, fingerless, stand, walk
+from made_motions import body, fingerless, scaled, stand, walk
 
 from retarget import cli
 from retarget.body.kinematics import world_pose
 from retarget.correspond.joints import scrambled
 from retarget.io import load, save
+from retarget.motion.filter import cut
 
 
 @pytest.fixture(scope="module")
@@ -238,12 +239,118 @@ def test_picture_draws_a_row_for_each_file(made, tmp_path, command):
     assert width >= 3 * 20 and height >= 2 * 64
 
 
+# --- evaluate -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def performed(made, tmp_path_factory):
+    """Results of `run`, and sources to judge them by."""
+    folder = tmp_path_factory.mktemp("performed")
+    moment = cut(fingerless(walk()), 0.5, 0.8)
+    save(folder / "skin.glb", fingerless(body()), [replace(moment, name="step")])
+    save(folder / "bones.bvh", fingerless(body()), [replace(fingerless(walk()), name="walk")])
+    both = [replace(moment, name="step"), replace(cut(fingerless(stand()), 0.0, 0.3), name="pause")]
+    save(folder / "both.glb", fingerless(body()), both)
+    return folder
+
+
+def test_evaluate_prints_a_table_what_to_look_at_and_notes(performed, command):
+    code, out, err = command("evaluate", performed / "skin.glb", "--source", performed / "skin.glb")
+    assert (code, err) == (0, "")
+    assert re.search(r"limb direction, off the source's +0\.00 +deg", out) and "rests on    " in out
+    assert re.search(r"limb vertices inside other parts +0\.00 +0\.00  %", out)
+    assert "Nothing that needs a look was found." in out and "joints off the truth" not in out
+
+
+def test_evaluate_without_surfaces_and_with_a_truth(performed, command):
+    bones = performed / "bones.bvh"
+    code, out, _ = command("evaluate", bones, "--source", bones, "--truth", bones)
+    assert code == 0 and re.search(r"\(MPJPE\) +0\.00 +mm", out) and "limb vertices" not in out
+    assert "note: the result has no surface" in out
+
+
+def test_evaluate_names_what_is_wrong(made, performed, tmp_path, command):
+    moved = fingerless(walk())
+    path = moved.translations + np.linspace(0, 0.3, 90)[:, None, None] * [1, 0, 0]
+    save(tmp_path / "slid.bvh", fingerless(body()), [replace(moved, translations=path, name="walk")])
+    code, out, _ = command("evaluate", tmp_path / "slid.bvh", "--source", made / "walk.bvh")
+    assert code == 0 and re.search(r"1\. (left|right) foot slides \d\.\d cm from \d\.\d\d s to \d\.\d\d s", out)
+
+
+def test_evaluate_json_is_one_object_with_figures_curves_and_problems(performed, command):
+    code, out, err = command("evaluate", performed / "bones.bvh", "--source", performed / "bones.bvh", "--json")
+    report = json.loads(out)
+    assert (code, err) == (0, "") and report["figures"]["frames"] == 90 and report["problems"] == []
+    assert len(report["curves"]["speed_m_s/result/left hand"]) == 90 and report["clips"]["result"] == "bones"
+    assert "NaN" not in out and "Infinity" not in out
+
+
+def test_evaluate_draws_curves(performed, tmp_path, command):
+    from PIL import Image
+
+    out = tmp_path / "curves.png"
+    code, text, _ = command("evaluate", performed / "bones.bvh", "--source", performed / "bones.bvh", "-o", out)
+    assert code == 0 and "curves.png" in text and Image.open(out).size[0] > 1000
+
+
+def test_evaluate_takes_the_clips_that_belong_together(made, performed, tmp_path, command):
+    def clips(*words):
+        code, out, _ = command("evaluate", *words, "--json")
+        assert code == 0
+        report = json.loads(out)
+        return report["clips"], report["notes"]
+
+    both, skin = performed / "both.glb", performed / "skin.glb"
+    chosen, notes = clips(both, "--source", skin)
+    assert chosen == {"result": "step", "source": "step"} and any("2 clips" in note for note in notes)
+    assert clips(both, "--source", both)[0] == {"result": "pause", "source": "pause"}, "the last, and its namesake"
+    chosen, notes = clips(both, "--source", both, "--clip", "step", "--source-clip", "pause")
+    assert chosen == {"result": "step", "source": "pause"} and not any("2 clips" in note for note in notes)
+    chosen, notes = clips(both, "--source", made / "walk.bvh", "--start", "0.5", "--end", "0.8")
+    assert chosen["result"] == "pause" and not any("lengths" in note for note in notes)
+    assert any("lengths differ" in note for note in clips(both, "--source", made / "walk.bvh")[1])
+
+
+@pytest.mark.parametrize(
+    "words, call",
+    [
+        ("no animation", ["heavy.glb", "--source", "walk.bvh"]),
+        ("no animation", ["walk.bvh", "--source", "heavy.glb"]),
+        ("no animation", ["walk.bvh", "--source", "walk.bvh", "--truth", "heavy.glb"]),
+        ("no animation", ["two.glb", "--source", "bare.obj"]),
+        ("no such file", ["nothing.glb", "--source", "walk.bvh"]),
+        ("'walk'", ["walk.bvh", "--source", "walk.bvh", "--clip", "wolk"]),
+        ("'two'", ["walk.bvh", "--source", "two.glb", "--source-clip", "tow"]),
+        ("'walk'", ["walk.bvh", "--source", "walk.bvh", "--truth", "walk.bvh", "--truth-clip", "wolk"]),
+        ("nothing lies between", ["walk.bvh", "--source", "walk.bvh", "--start", "9"]),
+        ("positive", ["walk.bvh", "--source", "walk.bvh", "--fps", "0"]),
+        ("+z", ["walk.bvh", "--source", "walk.bvh", "--up", "upward"]),
+        ("unit", ["walk.bvh", "--source", "walk.bvh", "--unit", "-1"]),
+        (".png", ["walk.bvh", "--source", "walk.bvh", "-o", "curves.jpg"]),
+        ("does not exist", ["walk.bvh", "--source", "walk.bvh", "-o", "no/curves.png"]),
+        ("nothing.toml", ["walk.bvh", "--source", "walk.bvh", "--map", "nothing.toml"]),
+    ],
+    ids=lambda value: " ".join(value[1:]) if isinstance(value, list) else "",
+)
+def test_evaluate_refuses_in_one_line(made, monkeypatch, command, words, call):
+    monkeypatch.chdir(made)
+    before = sorted(made.iterdir())
+    refused(command, words, "evaluate", *call)
+    assert sorted(made.iterdir()) == before
+
+
+def test_evaluate_refuses_the_truth_of_another_body(made, tmp_path, command):
+    save(tmp_path / "giant.bvh", scaled(fingerless(body()), 1.4), [scaled(fingerless(walk()), 1.4)])
+    call = ["evaluate", made / "walk.bvh", "--source", made / "walk.bvh", "--truth", tmp_path / "giant.bvh"]
+    refused(command, "animation of the result's character", *call)
+
+
 def test_help_and_version(command):
     from retarget import __version__
 
     assert command("--version")[1].strip() == __version__
     code, out, _ = command("--help")
-    assert code == 0 and all(word in out for word in ("run", "info", "map", "body", "picture"))
+    assert code == 0 and all(word in out for word in ("run", "info", "map", "body", "picture", "evaluate"))
 
 
 # --- bad input ----------------------------------------------------------------------------------------------------

@@ -222,9 +222,7 @@ def picture(
 
 @app.command("evaluate", epilog="\n\n".join(f"{key}: {FORMULAS[key]}." for key in REPORTED))
 def evaluate_(
-    result: Annotated[
-        Path, typer.Argument(help="The animated character, or motion, to judge.", show_default=False)
-    ],
+    result: Annotated[Path, typer.Argument(help="The animated character, or motion, to judge.", show_default=False)],
     source: Annotated[Path, typer.Option(help="The motion that it was made from.", show_default=False)],
     truth: Annotated[
         Optional[Path],
@@ -248,7 +246,8 @@ def evaluate_(
     ] = None,
     end: Annotated[Optional[float], typer.Option(help="Last second of it.", show_default=False)] = None,
     fps: Annotated[
-        Optional[float], typer.Option(help="Frames a second to judge at (30, or the file's if fewer).", show_default=False)
+        Optional[float],
+        typer.Option(help="Frames a second to judge at (30, or the file's if fewer).", show_default=False),
     ] = None,
     map_file: Annotated[
         Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)

@@ -83,7 +83,7 @@ def depths_by_force(character, collider, vertices):
 
 
 @pytest.mark.parametrize(
-    "name, seed", [("thin", 0), ("heavy", 1), ("very_heavy", 2), ("toddler", 3), ("textured", 4), ("boxes", 5)]
+    "name, seed", [("thin", 0), ("very_heavy", 2), ("toddler", 3), ("textured", 4), ("boxes", 5)]
 )
 def test_brute_force_agrees(name, seed):
     made = {"textured": lambda: textured(body("heavy")), "boxes": box_figure}
@@ -321,7 +321,7 @@ def rest_joints(character):
 def test_what_is_worn_is_not_reported_where_the_bare_body_is_not(name):
     character = cast(clothed(name)).character
     bare = len(body("average").mesh.vertices)
-    found_by, bare_by = collider(character), collider(fingerless(body("average")))
+    found_by, bare_by = collider(character), collider_of("average")
     for turns in (
         {},
         {"leftLowerArm": [-1.4, 0, 0], "leftUpperArm": [0.2, 0, 0.3], "rightLowerArm": [-0.9, 0.2, 0]},
@@ -334,13 +334,17 @@ def test_what_is_worn_is_not_reported_where_the_bare_body_is_not(name):
 
 
 def test_what_overlaps_at_rest_was_built_so():
-    """A belt stuck into the pelvis that moves with the chest; its hidden vertices are never reported."""
-    vertices, faces = ball(8, 16, 0.05)
-    character = with_piece(body("average"), (vertices + [0, 0.95, 0.08], faces), {"chest": 1.0})
-    found_by = collider(character)
-    own = len(body("average").mesh.vertices) + np.arange(len(vertices))
-    assert found_by.excluded[own][:, found_by.solid_parts == PARTS.index("pelvis")].any()
-    assert found_by.depths(rest_vertices(cast(character).character)[None]).max() == 0
+    """A holster on the thigh that follows the hand: what is hidden in the thigh at rest is never reported in it."""
+    vertices, faces = ball(8, 16, 0.06)
+    at = rest_joints(body("average"))[body().skeleton.index("leftUpperLeg")] + [0.06, -0.2, 0]
+    character = with_piece(body("average"), (vertices + at, faces), {"leftHand": 1.0})
+    found_by, own = collider(character), len(body("average").mesh.vertices) + np.arange(len(vertices))
+    hidden = found_by.excluded[own][:, found_by.solid_parts == PARTS.index("leftThigh")].any(axis=1)
+    rest = rest_vertices(cast(character).character)
+    assert 0 < hidden.sum() < len(own) and found_by.depths(rest[None]).max() == 0
+    deeper = rest.copy()
+    deeper[own] -= [0.05, 0, 0]
+    assert found_by.depths(deeper[None])[0, own[~hidden]].max() > 0.01, "the rest of it is"
 
 
 # Real penetration is not left out because parts are neighbours in the skeleton.

@@ -106,9 +106,7 @@ def wheel(slip, speed=0.8, radius=0.12):
     vertices = np.stack([0 * angle, radius - radius * np.cos(angle), moved[:, None] - radius * np.sin(angle)], axis=-1)
     faces = np.stack([np.arange(118), np.arange(118) + 1, np.arange(118) + 2], axis=1)
     part = np.full(120, PARTS.index("chest"))
-    return vertices, BodyParts(
-        PARTS, part, part[:118], np.arange(120), np.zeros(118, dtype=np.int64), ("body",), faces
-    )
+    return vertices, BodyParts(PARTS, part, part[:118], np.arange(120), np.zeros(118, dtype=np.int64), ("body",), faces)
 
 
 @pytest.mark.parametrize("slip, rests", [(0.0, True), (1.0, False), (0.5, False)])

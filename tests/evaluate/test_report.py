@@ -59,14 +59,18 @@ def belly():
     return cut(embedded_motion("hand_on_belly"), 1.7, 2.0)
 
 
-def pushed(motion, metres):
-    """The right hand moved into the belly: its joint is moved along the way out of the belly, the arm left as it is."""
+def with_hand_moved(motion, by):
+    """The right hand moved in the world, its joint torn from the forearm: the skin of the hand goes along as it is."""
     hand = motion.skeleton.index("rightHand")
     rotations, positions = world_pose(motion)
     forearm = motion.skeleton.parents[hand]
-    inwards = np.array([0.0, 0.0, -metres])
-    local = rot.rotate(rot.inverse(rotations[:, forearm]), positions[:, hand] + inwards - positions[:, forearm])
+    local = rot.rotate(rot.inverse(rotations[:, forearm]), positions[:, hand] + by - positions[:, forearm])
     return replace(motion, moved=(0, hand), translations=np.stack([motion.translations[:, 0], local], axis=1))
+
+
+def pushed(motion, metres):
+    """The right hand moved into the belly."""
+    return with_hand_moved(motion, np.array([0.0, 0.0, -metres]))
 
 
 # Perfect results
@@ -80,7 +84,12 @@ def perfect():
 def test_of_a_perfect_result_there_is_nothing_to_say():
     report = perfect()
     figures = report.figures
-    for key in ("direction_error_deg", "orientation_error_deg", "new_penetration_percent", "excess_penetration_percent"):
+    for key in (
+        "direction_error_deg",
+        "orientation_error_deg",
+        "new_penetration_percent",
+        "excess_penetration_percent",
+    ):
         assert figures[key] == pytest.approx(0, abs=1e-6), key
     assert figures["contacts_kept"] == 1 and figures["jerk_ratio"] == pytest.approx(1)
     assert figures["foot_slide_cm"] == figures["source_foot_slide_cm"] < 0.1
@@ -137,7 +146,9 @@ def test_a_sliding_foot_is_found_where_it_slides():
     assert joints_only(slid, slid).problems == (), "what the source does itself is no fault"
 
 
-@pytest.mark.parametrize("lift, words", [(0.05, "floats 5.0 cm above the floor"), (-0.05, "sinks 5.0 cm into the floor")])
+@pytest.mark.parametrize(
+    "lift, words", [(0.05, "floats 5.0 cm above the floor"), (-0.05, "sinks 5.0 cm into the floor")]
+)
 def test_feet_off_the_floor_are_found(lift, words):
     report = joints_only(stand(), shifted(stand(), [0, lift, 0]))
     assert f"left foot {words}" in sentences(report) and f"right foot {words}" in sentences(report)
@@ -148,6 +159,15 @@ def test_feet_off_the_floor_are_found(lift, words):
 def test_a_result_on_a_floor_of_its_own_stands_there_and_the_report_says_so():
     report = joints_only(stand(), shifted(stand(), [0, 0.8, 0]))
     assert report.problems == () and any("stands at a height of 0.81 m" in note for note in report.notes)
+
+
+def test_a_source_that_stands_off_its_own_floor_is_matched_there_or_on_the_floor():
+    """As it is (another tool copies heights as they are), and put on the floor (ours does)."""
+    hovering = shifted(stand(), [0, 0.06, 0])
+    for result in (hovering, stand()):
+        report = joints_only(hovering, result)
+        assert report.problems == () and report.figures["floor_error_cm"] < 0.1
+    assert "sinks 6.0 cm into" in sentences(joints_only(hovering, shifted(stand(), [0, -0.06, 0])))
 
 
 def test_a_limb_that_points_elsewhere_is_named():
@@ -182,7 +202,9 @@ def test_a_hand_pushed_into_the_belly_reads_as_deep_as_it_was_pushed():
     read, last = [], cut(belly(), 0.3, 0.3)
     for metres in (0.0, 0.01, 0.02, 0.03):
         track = surface_track(Take(actor(), pushed(last, metres)), 0.0)
-        pair = next(depth for pair, depth in track.inside().items() if "rightHand" in [track.parts.names[p] for p in pair])
+        pair = next(
+            depth for pair, depth in track.inside().items() if "rightHand" in [track.parts.names[p] for p in pair]
+        )
         read.append(pair[-1])
         figures = penetration_figures(track)
         assert figures["deepest_mm"] >= 1000 * read[-1]
@@ -206,26 +228,24 @@ def test_skin_below_the_floor_is_named():
     report = evaluate(Take(actor(), cut(stand(), 0.0, 0.2)), Take(actor(), low))
     assert "foot" in sentences(report) and report.figures["floor_error_cm"] > 4
     assert sum("left foot" in each.sentence for each in report.problems) == 1, "told once, not by joint and by skin"
-    motion, hand = cut(stand(), 0.0, 0.2), body().skeleton.index("rightHand")
-    down = np.tile(body().skeleton.offsets[hand], (len(motion), 1)) + [-0.8, -0.8, 0]
-    reaching = replace(motion, moved=(0, hand), translations=np.stack([motion.translations[:, 0], down], axis=1))
-    report = evaluate(Take(bare(), motion), Take(actor(), reaching))
+    motion = cut(stand(), 0.0, 0.2)
+    report = evaluate(Take(bare(), motion), Take(actor(), with_hand_moved(motion, np.array([-0.2, -0.9, 0.0]))))
     found = next(each.sentence for each in report.problems if "below the floor" in each.sentence)
     assert found.startswith("right hand is ")
 
 
 def test_bodies_of_other_meshes_are_judged_by_sensors():
-    mesh = body("heavy").mesh
-    other = replace(body("heavy"), mesh=replace(mesh, faces=np.roll(mesh.faces, 1, axis=1)))
+    mesh = body("tall").mesh
+    other = replace(body("tall"), mesh=replace(mesh, faces=np.roll(mesh.faces, 1, axis=1)))
     motion = cut(belly(), 0.1, 0.3)
     report = evaluate(Take(actor(), motion), Take(cast_by_names(other), motion))
     assert any(note.startswith("contacts by sensors: carrying errs by") for note in report.notes)
-    true = evaluate(Take(actor(), motion), Take(actor("heavy"), motion))
-    assert not true.notes and 0 < true.figures["contacts_kept"] < 0.8
-    assert report.figures["contacts_kept"] == pytest.approx(true.figures["contacts_kept"], abs=0.15)
+    true = evaluate(Take(actor(), motion), Take(actor("tall"), motion))
+    assert not true.notes and 0.1 < true.figures["contacts_kept"] < 0.8
+    assert report.figures["contacts_kept"] == pytest.approx(true.figures["contacts_kept"], abs=0.1)
     for key in ("penetration_percent", "deepest_mm", "excess_penetration_percent"):
         assert report.figures[key] == pytest.approx(true.figures[key]), key
-    assert 0 < report.figures["new_penetration_percent"] <= true.figures["new_penetration_percent"] + 1e-9
+    assert 0 < report.figures["new_part_penetration_percent"] < true.figures["new_penetration_percent"]
 
 
 # What is not there

@@ -33,6 +33,14 @@ SHORTEST = 0.07
 """Seconds that a contact lasts at least, and the longest gap that is bridged."""
 
 
+HANGS_BESIDE = np.zeros((len(PARTS), len(PARTS)), dtype=bool)
+"""A hand and the thigh or the pelvis that it hangs beside."""
+for _side in ("left", "right"):
+    for _other in (f"{_side}Thigh", "pelvis"):
+        _pair = [PARTS.index(f"{_side}Hand"), PARTS.index(_other)]
+        HANGS_BESIDE[_pair, _pair[::-1]] = True
+
+
 @dataclass(frozen=True, eq=False)
 class Contacts:
     """Touching points of a clip, one row a frame, vertex and part, by frame, vertex and part."""
@@ -110,7 +118,9 @@ class ContactDetector:
                 stays = self._stays([bodies[number] for bodies in slim], pairs)
                 own = self.collider.parts.vertex_parts[pairs.vertex]
                 hand = np.maximum(placed[start + number, own], placed[start + number, pairs.part])
-                found.append((np.full(len(pairs.vertex), start + number), pairs, np.maximum(stays, hand)))
+                beside = HANGS_BESIDE[own, pairs.part]  # there a hand touches because arms hang, on thin bodies too
+                belongs = np.where(beside, hand, np.maximum(stays, hand))
+                found.append((np.full(len(pairs.vertex), start + number), pairs, belongs))
         least = min(max(1, round(SHORTEST * fps)), max(1, len(world_rotations)))
         return _tracked(found, self.threshold, least, self.collider)
 

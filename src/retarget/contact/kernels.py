@@ -109,7 +109,8 @@ def _boxes_distance(low, high, other_low, other_high):
 
 @njit(**_options)
 def _nearest(x, y, z, root, points, faces, lefts, firsts, counts, low, high, bound, guess, stack):
-    """(squared distance, face, barycentrics of its second and third corner) of the nearest point; face -1 where none is nearer than `bound`. `guess` is a face that may be near, or -1."""
+    """(squared distance, face, barycentrics of its second and third corner) of the nearest point;
+    face -1 where none is nearer than `bound`. `guess` is a face that may be near, or -1."""
     best, best_face, best_v, best_w = bound, -1, 0.0, 0.0
     if guess >= 0:
         v, w, total = _nearest_on_triangle(x, y, z, points, faces, guess)
@@ -152,10 +153,25 @@ def rim_centres(points, rims, starts, first):
 
 
 @njit(**_options)
+def _steps(low, high, side):
+    """Cells a metre; none where all lies on one line."""
+    return side / (high - low) if high > low else 0.0
+
+
+@njit(**_options)
+def _cell(value, low, steps, side):
+    """Cell of a value along one side of a grid, the border cells for what lies beyond."""
+    place = (value - low) * steps
+    if place <= 0.0:
+        return 0
+    return side - 1 if place >= side else int(place)
+
+
+@njit(**_options)
 def _shadow_grid(points, faces, start, stop, left, right, down, up, side, cells):
     """Faces whose shadows in the x-y plane may touch the cells of a square grid over a rectangle. `cells` (side² + 1)
     becomes the start of each cell's entries; returns the entries."""
-    step_x, step_y = side / max(right - left, 1e-300), side / max(up - down, 1e-300)
+    step_x, step_y = _steps(left, right, side), _steps(down, up, side)
     count = 0
     boxes = np.empty((stop - start, 5), dtype=np.int32)
     for cell in range(side * side + 1):
@@ -168,10 +184,8 @@ def _shadow_grid(points, faces, start, stop, left, right, down, up, side, cells)
         most_y = max(points[i, 1], points[j, 1], points[k, 1])
         if least_x > right or most_x < left or least_y > up or most_y < down:
             continue
-        boxes[count, 0] = max(int((least_x - left) * step_x), 0)
-        boxes[count, 1] = min(int((most_x - left) * step_x), side - 1)
-        boxes[count, 2] = max(int((least_y - down) * step_y), 0)
-        boxes[count, 3] = min(int((most_y - down) * step_y), side - 1)
+        boxes[count, 0], boxes[count, 1] = _cell(least_x, left, step_x, side), _cell(most_x, left, step_x, side)
+        boxes[count, 2], boxes[count, 3] = _cell(least_y, down, step_y, side), _cell(most_y, down, step_y, side)
         boxes[count, 4] = face
         for row in range(boxes[count, 2], boxes[count, 3] + 1):
             for column in range(boxes[count, 0], boxes[count, 1] + 1):
@@ -204,8 +218,7 @@ def _crosses(points, i, j, x, y):
 @njit(**_options)
 def _is_inside(x, y, z, points, faces, cells, entries, left, right, down, up, side):
     """Whether a ray from p along +z crosses a closed surface an odd number of times."""
-    column = min(int((x - left) * (side / max(right - left, 1e-300))), side - 1)
-    row = min(int((y - down) * (side / max(up - down, 1e-300))), side - 1)
+    column, row = _cell(x, left, _steps(left, right, side), side), _cell(y, down, _steps(down, up, side), side)
     cell = row * side + column
     odd = False
     for place in range(cells[cell], cells[cell + 1]):

@@ -7,6 +7,7 @@ and its material's name.
 
 from __future__ import annotations
 
+import logging
 import re
 from dataclasses import dataclass
 
@@ -30,6 +31,7 @@ from retarget.geometry.topology import (
 )
 
 Array = np.ndarray
+log = logging.getLogger("retarget")
 
 _ARM = {"UpperArm": "UpperArm", "LowerArm": "Forearm", "Hand": "Hand"}
 _LEG = {"UpperLeg": "Thigh", "LowerLeg": "Shin", "Foot": "Foot", "Toes": "Foot"}
@@ -144,6 +146,9 @@ def body_parts(character: Character, humanoid: Humanoid) -> BodyParts:
     face_pieces = np.full(len(corners), -1)
     face_pieces[counts] = pieces(corners[counts], len(rest))
     kinds = _kinds(character, humanoid, rest, corners, face_pieces)
+    if kinds and "body" not in kinds:
+        name = character.name or "the character"
+        log.warning("%s: the skin follows other joints than the human's that were matched; none of it counts as body", name)
     face_parts = np.full(len(corners), -1)
     face_parts[counts] = own[corners[counts]].sum(axis=1).argmax(axis=1)
     on_body = np.array([kind == "body" for kind in kinds] + [False])[face_pieces]

@@ -53,7 +53,9 @@ def worst_first(problems: Iterable[Problem]) -> tuple[Problem, ...]:
 
 
 def _also(first: Problem, others: list[Problem]) -> str:
-    times = sorted({f"{each.time:.2f} s" for each in others} - {f"{first.time:.2f} s"}, key=lambda text: float(text[:-2]))
+    times = sorted(
+        {f"{each.time:.2f} s" for each in others} - {f"{first.time:.2f} s"}, key=lambda text: float(text[:-2])
+    )
     if len(times) > 3:
         return f"; and {len(times)} more times"
     return f"; also at {', '.join(times)}" if times else ""

@@ -141,4 +141,11 @@ def lost_contacts(carried: CarriedContacts, result: SurfaceTrack) -> Iterator[Pr
                 else f"{subject} misses {other} by {cm(middle)} {when(episode, fps)}, where the source's touches"
             )
             names = (PARTS[pair[0]], PARTS[pair[1]])
-            yield problem(text, middle / result.take.own_size(MISSING) * (0.5 if elsewhere else 1.0), episode, fps, "contact", *names)
+            yield problem(
+                text,
+                middle / result.take.own_size(MISSING) * (0.5 if elsewhere else 1.0),
+                episode,
+                fps,
+                "contact",
+                *names,
+            )

@@ -71,21 +71,32 @@ class Grounds:
 
 
 def grounds(source: Take, result: Take) -> Grounds:
-    """Find the floors and contacts of both."""
+    """Find the floors and contacts of both.
+
+    The result's floor is the one that its rest pose shows; or as far above or below it as the source stands above or
+    below its own, if the result stands nearer to that.
+    """
     found = [standing_contacts(each.actor, each.limbs, *each.pose, each.fps) for each in (source, result)]
-    legs = support_points(result.limbs[:2], *(each[None] for each in rest_pose(result.actor.skeleton)))
-    sole = float(min(points[..., 1].min() for points in legs))
-    floor, notes = (sole if abs(sole) < 0.25 * result.leg else 0.0), ()
-    stands = found[1].floor
+    scale, stands = result.leg / source.leg, found[1].floor
+    rest = rest_floor(result)
+    along = rest + (found[0].floor - rest_floor(source)) * scale
+    floor, notes = (along if abs(along - stands) < abs(rest - stands) else rest), ()
     if found[1].touching.any() and abs(stands - floor) > OTHER_FLOOR * result.actor.height:
-        notes = (f"the result stands at a height of {stands:.2f} m, its rest pose at {floor:.2f} m; the former is taken",)
+        notes = (
+            f"the result stands at a height of {stands:.2f} m, its rest pose at {rest:.2f} m; the former is taken",
+        )
         floor = stands
-    return Grounds(*found, floor, result.leg / source.leg, notes)
+    return Grounds(*found, floor, scale, notes)
 
 
-def joint_report(
-    source: Take, result: Take, ground: Grounds
-) -> tuple[Figures, Curves, list[Problem]]:
+def rest_floor(take: Take) -> float:
+    """Height of the floor that the rest pose shows, metres; 0 where the file has its origin elsewhere than at the soles."""
+    legs = support_points(take.limbs[:2], *(each[None] for each in rest_pose(take.actor.skeleton)))
+    sole = float(min(points[..., 1].min() for points in legs))
+    return sole if abs(sole) < 0.25 * take.leg else 0.0
+
+
+def joint_report(source: Take, result: Take, ground: Grounds) -> tuple[Figures, Curves, list[Problem]]:
     """All that joints tell."""
     limbs = metrics.angle_error_degrees(
         limb_directions(source.actor, source.positions), limb_directions(result.actor, result.positions)
@@ -118,9 +129,7 @@ def _ground_figures(source: Take, result: Take, ground: Grounds) -> Figures:
             metrics.foot_slide_cm(source.support[:, FOOT_POINTS], touching, source.actor.height)
         ),
         "floor_error_cm": mean(
-            metrics.floor_error_cm(
-                result.support[:, FOOT_POINTS], touching, ground.support[:, FOOT_POINTS], height
-            )
+            metrics.floor_error_cm(result.support[:, FOOT_POINTS], touching, ground.support[:, FOOT_POINTS], height)
         ),
         "source_floor_error_cm": mean(
             metrics.floor_error_cm(
@@ -164,7 +173,9 @@ def _turned_away(errors: Float[Array, "frames limbs"], fps: float) -> Iterator[P
     for limb, error in zip(LIMBS, errors.T):
         for episode in episodes(error, error > AWAY, fps):
             if episode.stop - episode.start >= LASTING * fps:
-                text = f"{spoken(limb)} points {episode.value:.0f}° away from the source's at {episode.worst / fps:.2f} s"
+                text = (
+                    f"{spoken(limb)} points {episode.value:.0f}° away from the source's at {episode.worst / fps:.2f} s"
+                )
                 yield problem(text, episode.value / AWAY, episode, fps, "direction", limb)
 
 

@@ -162,15 +162,16 @@ def _limb_depths(track: SurfaceTrack) -> Float[Array, "penetrating"]:
 
 
 def added_penetration(source: SurfaceTrack, result: SurfaceTrack) -> dict[str, float | None]:
-    """What penetrates in the result and not in the source: by vertex on one mesh, else by body part, where each part
-    counts by its share of limb vertices; and what penetrates more."""
-    limb = result.parts.limb_vertices
+    """What penetrates in the result and not in the source, and what penetrates more. By vertex on one mesh, else by body
+    part, where each part counts by its share of limb vertices; a coarser figure under its own name."""
+    limb, one_mesh = result.parts.limb_vertices, same_topology(source.take.actor, result.take.actor)
+    name = "new_penetration_percent" if one_mesh else "new_part_penetration_percent"
     if not (limb.any() and source.parts.limb_vertices.any()):
-        return {"new_penetration_percent": None, "excess_penetration_percent": None}
+        return {name: None, "excess_penetration_percent": None}
     new = []
     for frames in _chunks(result):
         mine, theirs = (track.depths.dense(*frames, track.parts) for track in (result, source))
-        if same_topology(source.take.actor, result.take.actor):
+        if one_mesh:
             new.append(metrics.new_penetration_percent(mine, theirs, limb))
             continue
         groups = [np.where(track.parts.limb_vertices, track.parts.vertex_parts, -1) for track in (result, source)]
@@ -180,7 +181,7 @@ def added_penetration(source: SurfaceTrack, result: SurfaceTrack) -> dict[str, f
         share = np.bincount(groups[0][limb], minlength=len(PARTS)) / limb.sum()
         new.append(metrics.new_part_penetration_percent(*percents) @ share)
     excess = metrics.excess_penetration_percent(_percent(result), _percent(source))
-    return {"new_penetration_percent": float(np.concatenate(new).mean()), "excess_penetration_percent": float(excess.mean())}
+    return {name: float(np.concatenate(new).mean()), "excess_penetration_percent": float(excess.mean())}
 
 
 def surface_curves(who: str, track: SurfaceTrack, bigger: float = 1.0) -> dict[str, Array]:
@@ -250,7 +251,9 @@ def penetrations(source: SurfaceTrack | None, result: SurfaceTrack) -> Iterator[
             at = episode.worst
             text = f"{subject} is {cm(depth[at])} inside {other} at {at / fps:.2f} s"
             text += f" (the source's {cm(own[at])})" if own[at] > tolerable else ""
-            yield problem(text, (depth[at] - own[at]) / tolerable, episode, fps, "inside", *map(PARTS.__getitem__, pair))
+            yield problem(
+                text, (depth[at] - own[at]) / tolerable, episode, fps, "inside", *map(PARTS.__getitem__, pair)
+            )
 
 
 def through_floor(source: SurfaceTrack | None, result: SurfaceTrack) -> Iterator[Problem]:
@@ -272,5 +275,3 @@ def through_floor(source: SurfaceTrack | None, result: SurfaceTrack) -> Iterator
 def _below(track: SurfaceTrack) -> Float[Array, "frames parts"]:
     heights = track.resting.heights
     return np.where(np.isfinite(heights), np.maximum(track.resting.floor - heights, 0.0), 0.0)
-
-

@@ -40,7 +40,7 @@ def truth_figures(result: Take, truth: Take) -> Figures:
     """Errors of the humanoid's joints, hips first, and of the vertices where both have them. The truth must be of the
     result's body (`require_one_body`) and as long."""
     joints = result.actor.humanoid.joints
-    names = sorted(joints, key=lambda name: name == "hips")
+    names = sorted(joints, key=lambda name: name != "hips")
     mine = [joints[name] for name in names]
     theirs = [truth.actor.skeleton.index(result.actor.skeleton.names[joint]) for joint in mine]
     made, right, height = result.positions[:, mine], truth.positions[:, theirs], result.actor.height

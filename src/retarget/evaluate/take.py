@@ -90,7 +90,7 @@ def on_one_clock(takes: dict[str, Take], fps: float | None = None) -> tuple[list
     rate = fps if fps is not None else min(FPS, *(each.fps for each in takes.values()))
     notes, motions = [], {}
     for name, each in takes.items():
-        if abs(each.fps / rate - 1) < SAME_RATE:
+        if abs(each.fps - rate) < SAME_RATE * rate:
             motions[name] = replace(each.motion, fps=rate)
         else:
             motions[name] = resample(each.motion, rate)
