@@ -41,4 +41,6 @@ def test_the_committed_baseline_bounds_known_benches_from_the_right_side():
     for bench, runs in stored.items():
         for run in runs:
             bounds = bounds_of(bench, run == "quick")
-            assert bounds and all(bound.better in ("lower", "higher") and bound.tolerance >= 0 for bound in bounds.values())
+            assert bounds and all(
+                bound.better in ("lower", "higher") and bound.tolerance >= 0 for bound in bounds.values()
+            )

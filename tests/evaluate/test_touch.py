@@ -4,13 +4,13 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
-from made_motions import actor, in_other_order, with_vertices_permuted
+from made_motions import actor, with_vertices_permuted
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import rest_pose
+from retarget.evaluate.carried import same_topology
 from retarget.evaluate.keepable import search
-from retarget.evaluate.touch import arm_radius, observe, prepare_judge, same_topology, sensor_pairs
+from retarget.evaluate.touch import arm_radius, observe, prepare_judge, sensor_pairs
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
 from retarget.retargeting import cast, prepare
@@ -53,7 +53,7 @@ def test_hands_that_leave_lose_their_contacts_and_hands_that_sink_penetrate():
 def test_a_heavier_body_is_judged_by_the_true_correspondence():
     heavy = actor("heavy")
     judge = prepare_judge(touch(), heavy)
-    assert same_topology(actor(), heavy) and judge.carried is None
+    assert same_topology(actor(), heavy) and judge.carried.by_sensors is None
     figures = judge(touch(), prepare(actor(), heavy).retargeter(hands_on_hips()).motion)
     assert 0.5 < figures["contacts_kept"] < 1.0
     assert figures["excess_penetration_percent"] > 5  # copied hands sink into the belly
@@ -63,7 +63,7 @@ def test_a_body_of_another_topology_is_judged_through_sensors_and_reads_alike():
     mixed, _ = with_vertices_permuted(actor().character, seed=2)
     target = cast(mixed)
     judge = prepare_judge(touch(), target)
-    assert judge.carried is not None and judge.carried.valid.mean() > 0.9
+    assert judge.carried.by_sensors.valid.mean() > 0.9
     figures = judge(touch(), hands_on_hips())
     assert figures["contacts_kept"] > 0.8
     assert figures["new_penetration_percent"] is None

@@ -67,7 +67,10 @@ OWN_JOINTS = 0.9
 _THINGS: tuple[tuple[str, str], ...] = (
     ("hair", r"hair|ponytail|pigtail|braid|bangs|beard|moustache|eyebrow|eyelash|lashes"),
     ("prop", r"weapon|sword|shield|axe|bow|gun|rifle|bag|backpack|prop|staff|wand|arrow|quiver|spear|dagger|knife|mug"),
-    ("cloth", r"cloth|cape|cloak|skirt|dress|shirt|coat|jacket|robe|scarf|pants|trousers|shorts|shoes?|boots?|hat|helmet"),
+    (
+        "cloth",
+        r"cloth|cape|cloak|skirt|dress|shirt|coat|jacket|robe|scarf|pants|trousers|shorts|shoes?|boots?|hat|helmet",
+    ),
 )
 
 
@@ -148,7 +151,9 @@ def body_parts(character: Character, humanoid: Humanoid) -> BodyParts:
     kinds = _kinds(character, humanoid, rest, corners, face_pieces)
     if kinds and "body" not in kinds:
         name = character.name or "the character"
-        log.warning("%s: the skin follows other joints than the human's that were matched; none of it counts as body", name)
+        log.warning(
+            "%s: the skin follows other joints than the human's that were matched; none of it counts as body", name
+        )
     face_parts = np.full(len(corners), -1)
     face_parts[counts] = own[corners[counts]].sum(axis=1).argmax(axis=1)
     on_body = np.array([kind == "body" for kind in kinds] + [False])[face_pieces]

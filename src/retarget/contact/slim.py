@@ -79,7 +79,9 @@ def _bones(character: Character, humanoid: Humanoid) -> Iterator[tuple[str, Arra
             yield part, start, end
 
 
-def _foot(points: Float[Array, "points 3"], start: Float[Array, "3"], end: Float[Array, "3"]) -> Float[Array, "points 3"]:
+def _foot(
+    points: Float[Array, "points 3"], start: Float[Array, "3"], end: Float[Array, "3"]
+) -> Float[Array, "points 3"]:
     """Nearest points of a segment."""
     along = end - start
     return start + np.clip((points - start) @ along / (along @ along), 0.0, 1.0)[:, None] * along

@@ -28,7 +28,15 @@ SPLITS = ("sc_sm", "sc_um", "uc_sm", "uc_um")
 SEEN_TARGETS = ("heavy", "child", "muscular", "average")
 UNSEEN_TARGETS = ("very_heavy", "tall", "toddler", "elderly")
 SEEN_MOTIONS = ("demo", "walk", "jump", "wave", "hands_on_hips", "hand_on_belly", "arms_crossed")
-UNSEEN_MOTIONS = ("run", "turn", "hand_to_shoulder", "hands_behind_head", "clap", "legs_crossed", "squat_hands_on_knees")
+UNSEEN_MOTIONS = (
+    "run",
+    "turn",
+    "hand_to_shoulder",
+    "hands_behind_head",
+    "clap",
+    "legs_crossed",
+    "squat_hands_on_knees",
+)
 CAPTURED = {"02_10": "s", "05_06": "s", "05_14": "s", "06_14": "u", "13_07": "u", "13_09": "u", "14_17": "u"}
 """Captured clips with self-contact (CMU), where they are at hand: performed by the embedded human `STAND_IN`, because their
 files have no surface."""

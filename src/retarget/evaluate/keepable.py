@@ -150,10 +150,9 @@ def _closest(
         gap = q - p
         best = np.minimum(best, np.linalg.norm(gap, axis=1))
         # Turning joint j by w moves p by w x (p - x_j), as far as p hangs on j.
-        lever = (
-            first.carried[:, joints, None] * (p[:, None] - positions[:, joints])
-            - second.carried[:, joints, None] * (q[:, None] - positions[:, joints])
-        )
+        lever = first.carried[:, joints, None] * (p[:, None] - positions[:, joints]) - second.carried[
+            :, joints, None
+        ] * (q[:, None] - positions[:, joints])
         jacobian = _cross_matrices(lever).transpose(0, 2, 1, 3).reshape(len(frame), 3, -1)
         normal = jacobian @ jacobian.transpose(0, 2, 1) + DAMPING * target.height**2 * np.eye(3)
         turn = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, gap[..., None]))[..., 0]

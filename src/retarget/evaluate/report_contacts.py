@@ -1,7 +1,6 @@
 """Which contacts of the source came along: its touching points carried to the result's skin, and how far apart they are there.
 
-Carried by the true correspondence where both bodies are one mesh, else by dense sensors (`contact/carry.py`); never by
-a method's own map.
+Carried by `evaluate.carried`.
 """
 
 from __future__ import annotations
@@ -12,17 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from retarget.contact.carry import Carried, prepare_carry
 from retarget.contact.carry_error import carrying_error
 from retarget.contact.detect import LEAVE
 from retarget.contact.parts import PARTS
-from retarget.contact.sensors import dense_layout, place_sensors
 from retarget.evaluate import metrics
+from retarget.evaluate.carried import CarriedVertices, carry_vertices
 from retarget.evaluate.metrics.interaction import SLACK
 from retarget.evaluate.problems import Problem, cm, episodes, problem, when
 from retarget.evaluate.report_surface import CHUNK, OF_POSE, SurfaceTrack, subject_and_other
-from retarget.evaluate.touch import same_topology
-from retarget.motion.align import Actor
 
 Array = np.ndarray
 
@@ -80,11 +76,10 @@ def carried_contacts(source: SurfaceTrack, result: SurfaceTrack) -> CarriedConta
     actors = source.take.actor, result.take.actor
     corners = actors[0].character.mesh.faces[contacts.face[rows]]
     vertices = np.concatenate([contacts.vertex[rows][:, None], corners], axis=1)
-    carried, note = None, ""
-    if len(rows) and not same_topology(*actors):
-        carried, note = _carried_vertices(*actors)
-        trusted = carried.valid[vertices].all(axis=1)
-        rows, vertices = rows[trusted], vertices[trusted]
+    carried = carry_vertices(*actors)
+    note = f"contacts by sensors: {carrying_error(*carried.sensors, points=1000)}" if carried.sensors else ""
+    trusted = carried.trusted(vertices).all(axis=1)
+    rows, vertices = rows[trusted], vertices[trusted]
     places = _places(result, carried, contacts.frame[rows], vertices)
     touched = (contacts.barycentric[rows][:, :, None] * places[:, 1:]).sum(axis=1)
     pair = np.stack([source.parts.vertex_parts[contacts.vertex[rows]], contacts.part[rows]], axis=1)
@@ -92,33 +87,17 @@ def carried_contacts(source: SurfaceTrack, result: SurfaceTrack) -> CarriedConta
     return CarriedContacts(contacts.frame[rows], np.sort(pair, axis=1), places[:, 0], touched, larger, note)
 
 
-def _carried_vertices(source: Actor, result: Actor) -> tuple[Carried, str]:
-    """Where each vertex of the source lies on the result."""
-    mesh = source.character.mesh
-    face, corner = np.zeros((2, len(mesh.vertices)), dtype=np.int64)
-    face[mesh.faces.ravel()] = np.repeat(np.arange(len(mesh.faces)), 3)
-    corner[mesh.faces.ravel()] = np.tile(np.arange(3), len(mesh.faces))
-    dense = [place_sensors(each.character, each.humanoid, dense_layout()) for each in (source, result)]
-    return prepare_carry(*dense)(face, np.eye(3)[corner]), f"contacts by sensors: {carrying_error(*dense, points=1000)}"
-
-
 def _places(
-    result: SurfaceTrack, carried: Carried | None, frame: Int[Array, "rows"], vertices: Int[Array, "rows corners"]
+    result: SurfaceTrack, carried: CarriedVertices, frame: Int[Array, "rows"], vertices: Int[Array, "rows corners"]
 ) -> Float[Array, "rows corners 3"]:
-    """Where the source's vertices lie on the result's posed skin."""
-    places = np.zeros((*vertices.shape, 3))
-    faces, take = result.take.actor.character.mesh.faces, result.take
+    """Where the source's vertices lie on the result's posed skin, a few frames at a time."""
+    places, take = np.zeros((*vertices.shape, 3)), result.take
     for start in range(0, len(take), CHUNK):
         rows = np.flatnonzero((frame >= start) & (frame < start + CHUNK))
-        if len(rows) == 0:
-            continue
-        posed = result.skinner.vertices(take.rotations[start : start + CHUNK], take.positions[start : start + CHUNK])
-        at, chosen = frame[rows] - start, vertices[rows]
-        if carried is None:
-            places[rows] = posed[at[:, None], chosen]
-        else:
-            shares = carried.barycentrics[chosen][..., None]
-            places[rows] = (shares * posed[at[:, None, None], faces[carried.faces[chosen]]]).sum(axis=-2)
+        if len(rows):
+            part = slice(start, start + CHUNK)
+            posed = result.skinner.vertices(take.rotations[part], take.positions[part])
+            places[rows] = carried.places(posed, frame[rows] - start, vertices[rows])
     return places
 
 

@@ -14,10 +14,10 @@ from retarget.contact.detect import Contacts, prepare_contacts
 from retarget.contact.ground_surface import RestingParts, resting_parts_of_clip
 from retarget.contact.parts import PARTS, BodyParts
 from retarget.evaluate import metrics
+from retarget.evaluate.carried import same_topology
 from retarget.evaluate.metrics.basis import at_reference_height
 from retarget.evaluate.problems import Problem, cm, episodes, problem, spoken
 from retarget.evaluate.take import Take
-from retarget.evaluate.touch import same_topology
 from retarget.progress import Tell, untold
 
 Array = np.ndarray

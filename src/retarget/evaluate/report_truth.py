@@ -7,10 +7,10 @@ import numpy as np
 from retarget.body.skinning import prepare_skinning, rest_vertices
 from retarget.errors import RetargetError
 from retarget.evaluate import metrics
+from retarget.evaluate.carried import same_topology
 from retarget.evaluate.metrics.surface import NEIGHBOURS
 from retarget.evaluate.report_joints import ENDS, Figures
 from retarget.evaluate.take import Take
-from retarget.evaluate.touch import same_topology
 from retarget.geometry.topology import weld
 
 Array = np.ndarray

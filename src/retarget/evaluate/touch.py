@@ -1,12 +1,12 @@
 """How a result touches itself against how its source did: contacts kept, contact error, penetration.
 
-Contacts are carried from the source to the target by the true correspondence where both have the embedded human's
-topology, else by dense sensors; never by a method's own map.
+Contacts are carried from the source to the target by `evaluate.carried`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,14 +14,14 @@ from jaxtyping import Bool, Float, Int
 from retarget.body.kinematics import rest_pose, world_pose
 from retarget.body.skinning import Skinner, prepare_skinning
 from retarget.character import Motion
-from retarget.contact.carry import Carried, prepare_carry
 from retarget.contact.collide import Collider, prepare_collider
 from retarget.contact.detect import LEAVE, ContactDetector, Contacts, prepare_contacts
 from retarget.contact.parts import BodyParts
 from retarget.contact.sensor_bones import BONES
-from retarget.contact.sensors import Sensors, dense_layout, place_sensors, pose_sensors
+from retarget.contact.sensors import Sensors, place_sensors, pose_sensors
 from retarget.contact.slim import girths
 from retarget.evaluate import metrics
+from retarget.evaluate.carried import CarriedVertices, carry_vertices
 from retarget.motion.align import Actor
 
 Array = np.ndarray
@@ -58,8 +58,7 @@ def observe(actor: Actor, motion: Motion, detector: ContactDetector | None = Non
     """Contacts and penetration of a performance. Raises `RetargetError` for a performer without a surface."""
     detector = detector or prepare_contacts(actor.character, actor.humanoid)
     pose = world_pose(motion)
-    collider = prepare_collider(actor.character, actor.humanoid, detector.collider.parts)
-    depth = collider.depths(detector.skinner.vertices(*pose))
+    depth = judged_body(actor).collider.depths(detector.skinner.vertices(*pose))
     return SourceTouch(actor, detector, motion, detector.clip(*pose, motion.fps), depth)
 
 
@@ -72,8 +71,8 @@ class TouchJudge:
     collider: Collider
     threshold: float
     """Metres within which the target's skin touches: the source's threshold by the ratio of heights."""
-    carried: Carried | None
-    """Where the source's vertices lie on the target; None where both share one topology."""
+    carried: CarriedVertices
+    """Where the source's vertices lie on the target."""
     sensors: tuple[Sensors, Sensors]
     """The paper's 288 on source and target."""
     radii: tuple[float, float]
@@ -101,7 +100,7 @@ class TouchJudge:
             "depth_mean_mm": metrics.depth_mean_mm(depth, limb, height),
             "depth_p95_mm": metrics.depth_p95_mm(depth, limb, height),
         }
-        if self.carried is None:
+        if self.carried.by_sensors is None:
             new = metrics.new_penetration_percent(depth, touch.depth, limb)
             figures["new_penetration_percent"] = float(new.mean())
         return figures
@@ -113,24 +112,14 @@ class TouchJudge:
         contacts, rows = touch.contacts, touch.pose_rows(countable)
         corners = touch.actor.character.mesh.faces[contacts.face[rows]]
         vertices = np.concatenate([contacts.vertex[rows][:, None], corners], axis=1)
-        if self.carried is not None:
-            trusted = self.carried.valid[vertices].all(axis=1)
-            rows, vertices = rows[trusted], vertices[trusted]
+        trusted = self.carried.trusted(vertices).all(axis=1)
+        rows, vertices = rows[trusted], vertices[trusted]
         if len(rows) == 0:
             return None, 0
-        places = self._places(posed, contacts.frame[rows], vertices)
+        places = self.carried.places(posed, contacts.frame[rows], vertices)
         touched = (contacts.barycentric[rows][:, :, None] * places[:, 1:]).sum(axis=1)
         everywhere = np.ones((1, len(rows)), dtype=bool)
         return metrics.contacts_kept(places[None, :, 0], touched[None], everywhere, self.threshold), len(rows)
-
-    def _places(
-        self, posed: Float[Array, "frames vertices 3"], frame: Int[Array, "rows"], vertices: Int[Array, "rows corners"]
-    ) -> Float[Array, "rows corners 3"]:
-        """Where vertices of the source lie on the target's posed skin."""
-        if self.carried is None:
-            return posed[frame[:, None], vertices].astype(np.float64)
-        corners = self.target.character.mesh.faces[self.carried.faces[vertices]]
-        return (self.carried.barycentrics[vertices][..., None] * posed[frame[:, None, None], corners]).sum(axis=-2)
 
     def _contact_error(self, touch: SourceTouch, motion: Motion) -> float | None:
         distances = []
@@ -143,39 +132,37 @@ class TouchJudge:
 
 
 def prepare_judge(touch: SourceTouch, target: Actor, by_sensors: bool = False) -> TouchJudge:
-    """Match a source and a target for judging. `by_sensors` carries contacts by sensors even where the true correspondence
-    is known: what that changes is the sensors' own error. Raises `RetargetError` for a target without a surface."""
-    source, character = touch.actor, target.character
-    collider = prepare_collider(character, target.humanoid)
-    on_source = place_sensors(source.character, source.humanoid)
-    carried = None
-    if by_sensors or not same_topology(source, target):
-        dense = [place_sensors(each.character, each.humanoid, dense_layout()) for each in (source, target)]
-        carried = prepare_carry(*dense)(*_vertices_as_points(source.character.mesh.faces, len(touch.depth[0])))
+    """Match a source and a target for judging; `by_sensors` as in `carry_vertices`. Raises `RetargetError` for a target
+    without a surface."""
+    source, body, own = touch.actor, judged_body(target), judged_body(touch.actor)
     return TouchJudge(
         target,
-        prepare_skinning(character),
-        collider,
+        body.skinner,
+        body.collider,
         touch.detector.threshold * target.height / source.height,
-        carried,
-        (on_source, place_sensors(character, target.humanoid)),
-        (arm_radius(source, touch.parts), arm_radius(target, collider.parts)),
+        carry_vertices(source, target, by_sensors),
+        (own.sensors, body.sensors),
+        (own.arm_radius, body.arm_radius),
     )
 
 
-def same_topology(a: Actor, b: Actor) -> bool:
-    """Whether equal vertices of both mean the same place: one list of faces."""
-    faces, others = a.character.mesh.faces, b.character.mesh.faces
-    same_count = len(a.character.mesh.vertices) == len(b.character.mesh.vertices)
-    return same_count and faces.shape == others.shape and bool((faces == others).all())
+@dataclass(frozen=True, eq=False)
+class JudgedBody:
+    """What judging needs of one body, whoever's motion it performs."""
+
+    skinner: Skinner
+    collider: Collider
+    sensors: Sensors
+    arm_radius: float
 
 
-def _vertices_as_points(faces: Int[Array, "faces 3"], count: int) -> tuple[Array, Array]:
-    """A face and barycentrics for every vertex; vertices without a face take the first face's corner."""
-    face, corner = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-    face[faces.ravel()] = np.repeat(np.arange(len(faces)), 3)
-    corner[faces.ravel()] = np.tile(np.arange(3), len(faces))
-    return face, np.eye(3)[corner]
+@lru_cache(maxsize=16)
+def judged_body(actor: Actor) -> JudgedBody:
+    """Prepared once for each actor. Raises `RetargetError` for one without a surface."""
+    character, humanoid = actor.character, actor.humanoid
+    collider = prepare_collider(character, humanoid)
+    sensors = place_sensors(character, humanoid)
+    return JudgedBody(prepare_skinning(character), collider, sensors, arm_radius(actor, collider.parts))
 
 
 def sensor_pairs(sensors: tuple[Sensors, Sensors]) -> tuple[Int[Array, "pairs"], Int[Array, "pairs"]]:

@@ -103,9 +103,7 @@ def loops(edges: Int[Array, "edges 2"], vertices: int) -> Int[Array, "edges"]:
     return pieces(np.concatenate([edges, edges[:, :1]], axis=1), vertices)
 
 
-def closing_fans(
-    faces: Int[Array, "faces 3"], vertices: int
-) -> tuple[Int[Array, "caps 3"], list[Int[Array, "_"]]]:
+def closing_fans(faces: Int[Array, "faces 3"], vertices: int) -> tuple[Int[Array, "caps 3"], list[Int[Array, "_"]]]:
     """Triangles that close a surface, and the rims whose centroids they meet in (Basset 2019, section 4.2.1).
 
     The n-th rim's centroid has the index `vertices + n`. With the fans every edge belongs to an even number of faces,
@@ -125,7 +123,9 @@ def areas(vertices: Float[Array, "*batch vertices 3"], faces: Int[Array, "faces 
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1)
 
 
-def signed_volume(vertices: Float[Array, "*batch vertices 3"], faces: Int[Array, "faces 3"]) -> Float[Array, "*batch"] | float:
+def signed_volume(
+    vertices: Float[Array, "*batch vertices 3"], faces: Int[Array, "faces 3"]
+) -> Float[Array, "*batch"] | float:
     """Volume within a closed, outward oriented surface: the sum of signed tetrahedra to the origin (Basset 2019, section
     4.2.1, with the fifth term of the printed formula corrected to -x_j y_i z_k)."""
     a, b, c = (vertices[..., faces[:, corner], :] for corner in range(3))

@@ -28,7 +28,7 @@ Array = np.ndarray
 
 TIMED = ("hands_on_hips", "arms_crossed", "squat_hands_on_knees", "walk")
 """Motions whose frames are timed, on the heavy body: copied rotations push its hands deep into it."""
-TIMED_FRAMES = 12
+TIMED_FRAMES = 8
 """Frames of each."""
 POSED_BODIES = ("thin", "heavy", "toddler", "muscular")
 MARGIN = 0.002
@@ -51,13 +51,13 @@ def figures(quick: bool, seed: int, tell: Tell = untold) -> dict[str, float | in
     reach = LEAVE * THRESHOLD * small.height
     for key, actor in (("6k9", small), ("13k", large)):
         collider = prepare_collider(actor.character, actor.humanoid)
-        posed = [_pose(actor, frame) for frame in frames]
+        posed = prepare_skinning(actor.character).vertices(*(np.stack(column) for column in zip(*frames)))
         found[f"collide_ms_{key}"] = _milliseconds(lambda v, c=collider: c.pairs(v, reach), posed)
         found[f"collide_fast_ms_{key}"] = _milliseconds(lambda v, c=collider: c.pairs(v, MARGIN * small.height), posed)
     detector = prepare_contacts(small.character, small.humanoid)
     found["detect_ms_6k9"] = _detection_milliseconds(detector, frames)
-    found["cold_start_seconds"] = _cold_start_seconds(3 if quick else 5)
-    poses = 12 if quick else 200
+    found["cold_start_seconds"] = _cold_start_seconds(2 if quick else 4)
+    poses = 8 if quick else 200
     found["parity_poses"] = poses
     found |= parity(poses, seed, tell)
     return found
@@ -74,12 +74,7 @@ def _timed_frames(actor: Actor) -> list[tuple[Array, Array]]:
     return frames
 
 
-def _pose(actor: Actor, frame: tuple[Array, Array]) -> Float[Array, "vertices 3"]:
-    rotations, positions = frame
-    return prepare_skinning(actor.character).vertices(rotations[None], positions[None])[0]
-
-
-def _milliseconds(work: Callable[[Array], object], posed: list[Array]) -> float:
+def _milliseconds(work: Callable[[Array], object], posed: Float[Array, "frames vertices 3"]) -> float:
     """Mean over the poses of the best of five, after a warm-up."""
     work(posed[0])
     return 1000 * statistics.mean(min(_seconds(lambda v=v: work(v)) for _ in range(5)) for v in posed)
@@ -106,7 +101,6 @@ def _cold_start_seconds(runs: int) -> float:
         command = [sys.executable, "-c", code]
         return min(_seconds(lambda: subprocess.run(command, check=True, capture_output=True)) for _ in range(runs))
 
-    best(tested)  # whatever still has to be compiled
     return best(tested) - best(plain)
 
 
@@ -169,7 +163,9 @@ def refined(character: Character, vertices: int) -> Character:
     mesh, skin = character.mesh, character.skin
     places, faces = mesh.vertices, mesh.faces
     dense = np.zeros((len(places), len(skin.joints)))
-    np.add.at(dense, (np.repeat(np.arange(len(places)), skin.columns.shape[1]), skin.columns.ravel()), skin.weights.ravel())
+    np.add.at(
+        dense, (np.repeat(np.arange(len(places)), skin.columns.shape[1]), skin.columns.ravel()), skin.weights.ravel()
+    )
     while len(places) < vertices:
         edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
         length = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)

@@ -31,8 +31,8 @@ FOOT_POINTS = slice(0, 4)
 FOREIGN_SPLIT = "foreign"
 """Characters of other makers, judged through sensors; in no split of the summary."""
 FOREIGN_MOTIONS = ("hands_on_hips", "arms_crossed", "hand_to_shoulder", "hands_behind_head")
-SENSOR_CHECKED = ("heavy", "toddler", "elderly")
-"""Bodies on which contacts are carried both ways, by the true correspondence and by sensors."""
+SENSOR_CHECKED = ("heavy", "elderly", "toddler")
+"""Bodies on which contacts are carried both ways, by the true correspondence and by sensors; quick runs take the last."""
 
 KEYS: dict[str, str] = {
     "contact_error": "lower", "contacts_kept": "higher", "penetration_percent": "lower",
@@ -60,7 +60,7 @@ def run(quick: bool = False, tell: Tell = untold) -> dict[str, Any]:
             for method in METHODS:
                 tell(f"{method}: {performance.name} -> {case.target_name}", 1)
                 cases.append(measure(case, touch, judge, countable, method))
-            if case.target_name in SENSOR_CHECKED:
+            if case.target_name in (SENSOR_CHECKED[-1:] if quick else SENSOR_CHECKED):
                 by_sensors += _kept_both_ways(case, touch, judge)
         for name, target in foreign if performance.name in FOREIGN_MOTIONS else ():
             case = ContactCase(performance, name, target, FOREIGN_SPLIT)
@@ -177,7 +177,9 @@ def _lost(case: ContactCase, touch: SourceTouch, countable) -> dict[str, Any]:
 
 def _table(rows: list[dict], cases: list[dict], unkeepable: list[dict], summary: dict[str, Any]) -> list[str]:
     shown = lambda value: "-" if value is None else f"{value:.3f}" if abs(value) < 100 else f"{value:.0f}"  # noqa: E731
-    header = f"{'method':16} {'split':6} {'cases':>5} " + " ".join(key.replace("_percent", "")[:13].rjust(13) for key in KEYS)
+    header = f"{'method':16} {'split':6} {'cases':>5} " + " ".join(
+        key.replace("_percent", "")[:13].rjust(13) for key in KEYS
+    )
     lines = [header]
     for row in rows:
         figures = " ".join(shown(row[key]).rjust(13) for key in KEYS)
@@ -186,11 +188,17 @@ def _table(rows: list[dict], cases: list[dict], unkeepable: list[dict], summary:
         (case for case in cases if case["contacts_kept"] is not None), key=lambda case: case["contacts_kept"]
     )[:5]
     lines += ["", "fewest contacts kept:"]
-    lines += [f"  {case['method']}: {case['motion']} -> {case['target']}: {shown(case['contacts_kept'])}" for case in worst]
+    lines += [
+        f"  {case['method']}: {case['motion']} -> {case['target']}: {shown(case['contacts_kept'])}" for case in worst
+    ]
     if unkeepable:
         lines += ["", "contacts that no pose keeps (not counted):"]
         lines += [
             f"  {each['motion']} -> {each['target']}: {each['contacts']} of {each['of']} ({', '.join(each['parts'])})"
             for each in unkeepable
         ]
-    return [*lines, "", *(f"{key:36} {shown(value)}" for key, value in summary.items() if "_sc_" not in key and "_uc_" not in key)]
+    return [
+        *lines,
+        "",
+        *(f"{key:36} {shown(value)}" for key, value in summary.items() if "_sc_" not in key and "_uc_" not in key),
+    ]

@@ -1,0 +1,61 @@
+"""Places of one body's skin on another's: by the true correspondence where both are one mesh, else by dense sensors.
+
+Never by a method's own map: this is what methods are judged with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from retarget.contact.carry import Carried, prepare_carry
+from retarget.contact.sensors import Sensors, dense_layout, place_sensors
+from retarget.motion.align import Actor
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedVertices:
+    """Where the vertices of a source lie on a target."""
+
+    target: Actor
+    by_sensors: Carried | None
+    """None where a vertex of the source is the same vertex of the target."""
+    sensors: tuple[Sensors, Sensors] | None
+    """The dense sensors of source and target they were carried by."""
+
+    def trusted(self, vertices: Int[Array, "*rows"]) -> Bool[Array, "*rows"]:
+        """Which of the source's vertices have a place on the target."""
+        return np.ones(vertices.shape, bool) if self.by_sensors is None else self.by_sensors.valid[vertices]
+
+    def places(
+        self, posed: Float[Array, "frames points 3"], frame: Int[Array, "rows"], vertices: Int[Array, "rows corners"]
+    ) -> Float[Array, "rows corners 3"]:
+        """Where they are on frames of the target's posed skin, metres."""
+        if self.by_sensors is None:
+            return posed[frame[:, None], vertices].astype(np.float64)
+        corners = self.target.character.mesh.faces[self.by_sensors.faces[vertices]]
+        return (self.by_sensors.barycentrics[vertices][..., None] * posed[frame[:, None, None], corners]).sum(axis=-2)
+
+
+def carry_vertices(source: Actor, target: Actor, by_sensors: bool = False) -> CarriedVertices:
+    """Carry all vertices of a body. `by_sensors` uses sensors even where the true correspondence is known: what that
+    changes is their own error. Raises `RetargetError` for bodies that share too few sensors."""
+    if same_topology(source, target) and not by_sensors:
+        return CarriedVertices(target, None, None)
+    mesh = source.character.mesh
+    face, corner = np.zeros((2, len(mesh.vertices)), dtype=np.int64)  # a vertex without a face takes the first corner
+    face[mesh.faces.ravel()] = np.repeat(np.arange(len(mesh.faces)), 3)
+    corner[mesh.faces.ravel()] = np.tile(np.arange(3), len(mesh.faces))
+    dense = tuple(place_sensors(each.character, each.humanoid, dense_layout()) for each in (source, target))
+    return CarriedVertices(target, prepare_carry(*dense)(face, np.eye(3)[corner]), dense)
+
+
+def same_topology(a: Actor, b: Actor) -> bool:
+    """Whether equal vertices of both mean the same place: one list of faces."""
+    faces, others = a.character.mesh.faces, b.character.mesh.faces
+    same_count = len(a.character.mesh.vertices) == len(b.character.mesh.vertices)
+    return same_count and faces.shape == others.shape and bool((faces == others).all())
