@@ -168,15 +168,39 @@ def _cell(value, low, steps, side):
 
 
 @njit(**_options)
-def _shadow_grid(points, faces, start, stop, left, right, down, up, side, cells):
-    """Faces whose shadows in the x-y plane may touch the cells of a square grid over a rectangle. `cells` (side² + 1)
+def _faces_over(root, lefts, firsts, counts, low, high, fans, stop, left, right, down, up, stack):
+    """Skin triangles whose boxes touch a rectangle of the x-y plane, and all fans (from `fans` to `stop`)."""
+    chosen = np.empty(stop - firsts[root], dtype=np.int32)
+    count, top = 0, 0
+    stack[0] = root
+    while top >= 0:
+        node = stack[top]
+        top -= 1
+        if low[node, 0] > right or high[node, 0] < left or low[node, 1] > up or high[node, 1] < down:
+            continue
+        if lefts[node] >= 0:
+            stack[top + 1], stack[top + 2] = lefts[node], lefts[node] + 1
+            top += 2
+            continue
+        for face in range(firsts[node], firsts[node] + counts[node]):
+            chosen[count] = face
+            count += 1
+    for face in range(fans, stop):
+        chosen[count] = face
+        count += 1
+    return chosen[:count]
+
+
+@njit(**_options)
+def _shadow_grid(points, faces, chosen, left, right, down, up, side, cells):
+    """Triangles whose shadows in the x-y plane may touch the cells of a square grid over a rectangle. `cells` (side² + 1)
     becomes the start of each cell's entries; returns the entries."""
     step_x, step_y = _steps(left, right, side), _steps(down, up, side)
     count = 0
-    boxes = np.empty((stop - start, 5), dtype=np.int32)
+    boxes = np.empty((len(chosen), 5), dtype=np.int32)
     for cell in range(side * side + 1):
         cells[cell] = 0
-    for face in range(start, stop):
+    for face in chosen:
         i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
         least_x = min(points[i, 0], points[j, 0], points[k, 0])
         most_x = max(points[i, 0], points[j, 0], points[k, 0])
@@ -299,7 +323,11 @@ def near_pairs(
         entries = np.empty(0, dtype=np.int32)
         if contained > 0:
             side = min(max(int(np.sqrt(contained)), 1), MOST_SIDE)
-            entries = _shadow_grid(points, faces, starts[solid], starts[solid + 1], left, right, down, up, side, cells)
+            chosen = _faces_over(
+                roots[solid], lefts, firsts, counts, low, high, skin_stops[solid], starts[solid + 1],
+                left, right, down, up, stack,
+            )  # fmt: skip
+            entries = _shadow_grid(points, faces, chosen, left, right, down, up, side, cells)
         last_face = -1
         for number in range(near):
             vertex = close[number]
