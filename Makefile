@@ -24,9 +24,11 @@ demo: setup
 
 test: setup
 	@$(BIN)/python -m pytest -n 2
+	@$(BIN)/retarget bench contact --quick --gate
 
 bench: setup
 	@$(BIN)/retarget bench skeletal
+	@$(BIN)/retarget bench contact
 
 clean:
 	rm -rf $(VENV) out build *.egg-info src/*.egg-info
