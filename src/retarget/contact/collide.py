@@ -165,22 +165,18 @@ class Collider:
             room = count
 
     def _rows(self, points: Array, found: list[Array]) -> SurfacePairs:
-        vertex, solid, triangle, v, w, distance = found
-        order = np.lexsort((solid, vertex))
+        from retarget.contact import kernels
+
+        order = np.lexsort((found[1], found[0]))
         vertex, solid, triangle, v, w, distance = (column[order] for column in found)
-        corners = points[self.corners[triangle]]
-        barycentric = np.stack([1.0 - v - w, v, w], axis=1)
-        nearest = (barycentric[:, :, None] * corners).sum(axis=1)
-        away = (points[vertex] - nearest) * np.sign(distance)[:, None]
-        length = np.linalg.norm(away, axis=1)
-        facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        flat = length < 1e-9  # on the surface itself the face tells the way out
-        away[flat], length[flat] = facing[flat], np.linalg.norm(facing[flat], axis=1)
-        normal = away / np.maximum(length, 1e-300)[:, None]
-        part = self.solid_parts[solid]
-        return SurfacePairs(
-            vertex.astype(np.int64), part, distance, nearest, normal, self.mesh_faces[triangle], barycentric
+        barycentric, nearest, normal = np.empty((3, len(vertex), 3))
+        kernels.nearest_points(
+            points, self.corners, vertex, triangle, v, w, distance, barycentric, nearest, normal
         )
+        return SurfacePairs(
+            vertex.astype(np.int64), self.solid_parts[solid], distance, nearest, normal, self.mesh_faces[triangle],
+            barycentric,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -352,6 +352,31 @@ def near_pairs(
     return found
 
 
+@njit(**_options)
+def nearest_points(points, faces, vertices, triangles, shares_v, shares_w, distances, barycentrics, nearest, normals):
+    """Fill in, for each pair, the barycentrics and the place of the nearest point, and the unit direction that leads out:
+    from it to a vertex outside, to it from one inside; on the surface itself (within a nanometre) the face's normal."""
+    for row in range(len(vertices)):
+        i, j, k = faces[triangles[row], 0], faces[triangles[row], 1], faces[triangles[row], 2]
+        v, w = shares_v[row], shares_w[row]
+        u = 1.0 - v - w
+        barycentrics[row, 0], barycentrics[row, 1], barycentrics[row, 2] = u, v, w
+        x = u * points[i, 0] + v * points[j, 0] + w * points[k, 0]
+        y = u * points[i, 1] + v * points[j, 1] + w * points[k, 1]
+        z = u * points[i, 2] + v * points[j, 2] + w * points[k, 2]
+        nearest[row, 0], nearest[row, 1], nearest[row, 2] = x, y, z
+        out = 1.0 if distances[row] >= 0.0 else -1.0
+        vertex = vertices[row]
+        x, y, z = out * (points[vertex, 0] - x), out * (points[vertex, 1] - y), out * (points[vertex, 2] - z)
+        length = np.sqrt(x * x + y * y + z * z)
+        if length < 1e-9:
+            abx, aby, abz = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+            acx, acy, acz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+            x, y, z = aby * acz - abz * acy, abz * acx - abx * acz, abx * acy - aby * acx
+            length = max(np.sqrt(x * x + y * y + z * z), 1e-300)
+        normals[row, 0], normals[row, 1], normals[row, 2] = x / length, y / length, z / length
+
+
 def compiled() -> bool:
     """Whether the kernels lie compiled on disk, or in this process."""
     from pathlib import Path
