@@ -170,9 +170,7 @@ class Collider:
         order = np.lexsort((found[1], found[0]))
         vertex, solid, triangle, v, w, distance = (column[order] for column in found)
         barycentric, nearest, normal = np.empty((3, len(vertex), 3))
-        kernels.nearest_points(
-            points, self.corners, vertex, triangle, v, w, distance, barycentric, nearest, normal
-        )
+        kernels.nearest_points(points, self.corners, vertex, triangle, v, w, distance, barycentric, nearest, normal)
         return SurfacePairs(
             vertex.astype(np.int64), self.solid_parts[solid], distance, nearest, normal, self.mesh_faces[triangle],
             barycentric,
