@@ -158,7 +158,7 @@ def test_methods_by_name():
     with pytest.raises(RetargetError, match="copy-rotations"):
         choose_method("copy-rotation")
     given = CopyRotations(in_place=True)
-    assert prepare(actor(), actor(), given).retargeter.settings is given
+    assert prepare(actor(), actor(), given).retargeter.copier.settings is given
 
 
 def test_an_unknown_setting_is_the_users_mistake():

@@ -8,9 +8,10 @@ from made_motions import actor, with_vertices_permuted
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import rest_pose
-from retarget.evaluate.carried import same_topology
+from retarget.contact.carried import same_topology
+from retarget.contact.slim import arm_radius
 from retarget.evaluate.keepable import search
-from retarget.evaluate.touch import arm_radius, observe, prepare_judge, sensor_pairs
+from retarget.evaluate.touch import observe, prepare_judge, sensor_pairs
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
 from retarget.retargeting import cast, prepare
@@ -53,7 +54,7 @@ def test_hands_that_leave_lose_their_contacts_and_hands_that_sink_penetrate():
 def test_a_heavier_body_is_judged_by_the_true_correspondence():
     heavy = actor("heavy")
     judge = prepare_judge(touch(), heavy)
-    assert same_topology(actor(), heavy) and judge.carried.by_sensors is None
+    assert same_topology(actor().character, heavy.character) and judge.carried.by_sensors is None
     figures = judge(touch(), prepare(actor(), heavy).retargeter(hands_on_hips()).motion)
     assert 0.5 < figures["contacts_kept"] < 1.0
     assert figures["excess_penetration_percent"] > 5  # copied hands sink into the belly
@@ -88,7 +89,7 @@ def test_sensor_pairs_join_a_hand_to_everything_but_its_own_arm():
 
 
 def test_the_arm_radius_follows_the_arm():
-    thin, heavy = (arm_radius(each, observe_parts(each)) for each in (actor(), actor("heavy")))
+    thin, heavy = (arm_radius(each.character, each.humanoid, observe_parts(each)) for each in (actor(), actor("heavy")))
     assert 0.02 < thin < heavy < 0.09
 
 

@@ -49,6 +49,18 @@ def girths(character: Character, humanoid: Humanoid, parts: BodyParts) -> dict[s
     return found
 
 
+def arm_radius(character: Character, humanoid: Humanoid, parts: BodyParts) -> float:
+    """Mean distance of the skin of upper arms and forearms from their bones, metres (Ye 2024 measures by it and leaves
+    open how it is found)."""
+    _, rest = rest_pose(character.skeleton)
+    girth, radii = girths(character, humanoid, parts), []
+    for part, (start, end) in _AXES.items():
+        if part in girth and part.endswith(("UpperArm", "Forearm")):
+            bone = rest[humanoid.joints[end]] - rest[humanoid.joints[start]]
+            radii.append(girth[part] * np.linalg.norm(bone))
+    return float(np.mean(radii)) if radii else 0.0
+
+
 def slim_bodies(character: Character, humanoid: Humanoid, parts: BodyParts) -> tuple[Character, ...]:
     """The body on its way to a thin one, on the same skeleton and topology; none where it is thin already."""
     rest = rest_vertices(character)

@@ -37,8 +37,8 @@ def bounds_of(bench: str, quick: bool, path: Path = BASELINE) -> dict[str, Bound
     try:
         stored = json.loads(path.read_text())
         chosen = stored.get(bench, {}).get("quick" if quick else "full", {})
-        return {key: Bound(**row) for key, row in chosen.items()}
-    except (OSError, ValueError, TypeError, AttributeError) as error:
+        return {key: Bound(float(row["value"]), row["better"], float(row["tolerance"])) for key, row in chosen.items()}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise FileError(path, f"is no baseline: {error}") from None
 
 

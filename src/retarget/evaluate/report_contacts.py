@@ -1,6 +1,6 @@
 """Which contacts of the source came along: its touching points carried to the result's skin, and how far apart they are there.
 
-Carried by `evaluate.carried`.
+Carried by `contact.carried`.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from retarget.contact.carried import CarriedVertices, carry_vertices
 from retarget.contact.carry_error import carrying_error
 from retarget.contact.detect import LEAVE
 from retarget.contact.parts import PARTS
 from retarget.evaluate import metrics
-from retarget.evaluate.carried import CarriedVertices, carry_vertices
 from retarget.evaluate.metrics.interaction import SLACK
 from retarget.evaluate.problems import Problem, cm, episodes, problem, when
 from retarget.evaluate.report_surface import CHUNK, OF_POSE, SurfaceTrack, subject_and_other
@@ -76,7 +76,7 @@ def carried_contacts(source: SurfaceTrack, result: SurfaceTrack) -> CarriedConta
     actors = source.take.actor, result.take.actor
     corners = actors[0].character.mesh.faces[contacts.face[rows]]
     vertices = np.concatenate([contacts.vertex[rows][:, None], corners], axis=1)
-    carried = carry_vertices(*actors)
+    carried = carry_vertices(*(each for actor in actors for each in (actor.character, actor.humanoid)))
     note = f"contacts by sensors: {carrying_error(*carried.sensors, points=1000)}" if carried.sensors else ""
     trusted = carried.trusted(vertices).all(axis=1)
     rows, vertices = rows[trusted], vertices[trusted]

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from retarget.body.skinning import Skinner
+from retarget.contact.carried import same_topology
 from retarget.contact.collide import prepare_collider
 from retarget.contact.detect import Contacts, prepare_contacts
 from retarget.contact.ground_surface import RestingParts, resting_parts_of_clip
 from retarget.contact.parts import PARTS, BodyParts
 from retarget.evaluate import metrics
-from retarget.evaluate.carried import same_topology
 from retarget.evaluate.metrics.basis import at_reference_height
 from retarget.evaluate.problems import Problem, cm, episodes, problem, spoken
 from retarget.evaluate.take import Take
@@ -164,7 +164,7 @@ def _limb_depths(track: SurfaceTrack) -> Float[Array, "penetrating"]:
 def added_penetration(source: SurfaceTrack, result: SurfaceTrack) -> dict[str, float | None]:
     """What penetrates in the result and not in the source, and what penetrates more. By vertex on one mesh, else by body
     part, where each part counts by its share of limb vertices; a coarser figure under its own name."""
-    limb, one_mesh = result.parts.limb_vertices, same_topology(source.take.actor, result.take.actor)
+    limb, one_mesh = result.parts.limb_vertices, same_topology(source.take.actor.character, result.take.actor.character)
     name = "new_penetration_percent" if one_mesh else "new_part_penetration_percent"
     if not (limb.any() and source.parts.limb_vertices.any()):
         return {name: None, "excess_penetration_percent": None}

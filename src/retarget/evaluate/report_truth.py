@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from retarget.body.skinning import prepare_skinning, rest_vertices
+from retarget.contact.carried import same_topology
 from retarget.errors import RetargetError
 from retarget.evaluate import metrics
-from retarget.evaluate.carried import same_topology
 from retarget.evaluate.metrics.surface import NEIGHBOURS
 from retarget.evaluate.report_joints import ENDS, Figures
 from retarget.evaluate.take import Take
@@ -66,7 +66,7 @@ def truth_figures(result: Take, truth: Take) -> Figures:
 
 def _vertex_figures(result: Take, truth: Take) -> Figures:
     """Means over frames, a few frames at a time; one vertex of each place. Empty where the meshes differ."""
-    if not same_topology(result.actor, truth.actor):
+    if not same_topology(result.actor.character, truth.actor.character):
         return {}
     rest = rest_vertices(result.actor.character)
     vertices = np.unique(weld(rest))

@@ -1,6 +1,6 @@
 """How a result touches itself against how its source did: contacts kept, contact error, penetration.
 
-Contacts are carried from the source to the target by `evaluate.carried`.
+Contacts are carried from the source to the target by `contact.carried`.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from retarget.body.kinematics import rest_pose, world_pose
+from retarget.body.kinematics import world_pose
 from retarget.body.skinning import Skinner, prepare_skinning
 from retarget.character import Motion
+from retarget.contact.carried import CarriedVertices, carry_vertices
 from retarget.contact.collide import Collider, prepare_collider
 from retarget.contact.detect import LEAVE, ContactDetector, Contacts, prepare_contacts
 from retarget.contact.parts import BodyParts
 from retarget.contact.sensor_bones import BONES
 from retarget.contact.sensors import Sensors, place_sensors, pose_sensors
-from retarget.contact.slim import girths
+from retarget.contact.slim import arm_radius
 from retarget.evaluate import metrics
-from retarget.evaluate.carried import CarriedVertices, carry_vertices
 from retarget.motion.align import Actor
 
 Array = np.ndarray
@@ -140,7 +140,7 @@ def prepare_judge(touch: SourceTouch, target: Actor, by_sensors: bool = False) -
         body.skinner,
         body.collider,
         touch.detector.threshold * target.height / source.height,
-        carry_vertices(source, target, by_sensors),
+        carry_vertices(source.character, source.humanoid, target.character, target.humanoid, by_sensors),
         (own.sensors, body.sensors),
         (own.arm_radius, body.arm_radius),
     )
@@ -162,7 +162,7 @@ def judged_body(actor: Actor) -> JudgedBody:
     character, humanoid = actor.character, actor.humanoid
     collider = prepare_collider(character, humanoid)
     sensors = place_sensors(character, humanoid)
-    return JudgedBody(prepare_skinning(character), collider, sensors, arm_radius(actor, collider.parts))
+    return JudgedBody(prepare_skinning(character), collider, sensors, arm_radius(character, humanoid, collider.parts))
 
 
 def sensor_pairs(sensors: tuple[Sensors, Sensors]) -> tuple[Int[Array, "pairs"], Int[Array, "pairs"]]:
@@ -178,15 +178,3 @@ def sensor_pairs(sensors: tuple[Sensors, Sensors]) -> tuple[Int[Array, "pairs"],
         first, second = np.meshgrid(np.flatnonzero(valid & hand), others, indexing="ij")
         pairs.append(np.stack([first.ravel(), second.ravel()]))
     return tuple(np.concatenate(pairs, axis=1))
-
-
-def arm_radius(actor: Actor, parts: BodyParts) -> float:
-    """Mean distance of the skin of upper arms and forearms from their bones, metres (Ye 2024 leaves its measure open)."""
-    _, rest = rest_pose(actor.skeleton)
-    girth, joints, radii = girths(actor.character, actor.humanoid, parts), actor.humanoid.joints, []
-    for side in ("left", "right"):
-        for part, start, end in (("UpperArm", "UpperArm", "LowerArm"), ("Forearm", "LowerArm", "Hand")):
-            if f"{side}{part}" in girth:
-                length = np.linalg.norm(rest[joints[f"{side}{end}"]] - rest[joints[f"{side}{start}"]])
-                radii.append(girth[f"{side}{part}"] * length)
-    return float(np.mean(radii))

@@ -1,6 +1,6 @@
 """Places of one body's skin on another's: by the true correspondence where both are one mesh, else by dense sensors.
 
-Never by a method's own map: this is what methods are judged with.
+What methods carry contacts with, and what they are judged with; where both share one mesh that is the truth.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from retarget.character import Character
 from retarget.contact.carry import Carried, prepare_carry
 from retarget.contact.sensors import Sensors, dense_layout, place_sensors
-from retarget.motion.align import Actor
+from retarget.correspond.joints import Humanoid
 
 Array = np.ndarray
 
@@ -21,7 +22,7 @@ Array = np.ndarray
 class CarriedVertices:
     """Where the vertices of a source lie on a target."""
 
-    target: Actor
+    target: Character
     by_sensors: Carried | None
     """None where a vertex of the source is the same vertex of the target."""
     sensors: tuple[Sensors, Sensors] | None
@@ -37,25 +38,45 @@ class CarriedVertices:
         """Where they are on frames of the target's posed skin, metres."""
         if self.by_sensors is None:
             return posed[frame[:, None], vertices].astype(np.float64)
-        corners = self.target.character.mesh.faces[self.by_sensors.faces[vertices]]
+        corners = self.target.mesh.faces[self.by_sensors.faces[vertices]]
         return (self.by_sensors.barycentrics[vertices][..., None] * posed[frame[:, None, None], corners]).sum(axis=-2)
 
+    def pairs(
+        self, vertex: Int[Array, "rows"], corners: Int[Array, "rows 3"], shares: Float[Array, "rows 3"]
+    ) -> tuple[Int[Array, "rows"], Int[Array, "rows 3"], Float[Array, "rows 3"], Bool[Array, "rows"]]:
+        """Touching places of the source, a vertex and a point of three others, on the target's own vertices: a vertex,
+        three corners and their shares, and whether both can be trusted. Through sensors both are as coarse as an edge: the
+        corner that lies nearest stands for a place."""
+        if self.by_sensors is None:
+            return vertex, corners, shares, np.ones(len(vertex), dtype=bool)
+        faces, carried = self.target.mesh.faces, self.by_sensors
+        nearest = carried.barycentrics[vertex].argmax(axis=1)
+        first = faces[carried.faces[vertex], nearest]
+        touched = np.take_along_axis(corners, shares.argmax(axis=1)[:, None], axis=1)[:, 0]
+        trusted = carried.valid[vertex] & carried.valid[touched]
+        return first, faces[carried.faces[touched]], carried.barycentrics[touched], trusted
 
-def carry_vertices(source: Actor, target: Actor, by_sensors: bool = False) -> CarriedVertices:
+
+def carry_vertices(
+    source: Character, source_humanoid: Humanoid, target: Character, target_humanoid: Humanoid, by_sensors: bool = False
+) -> CarriedVertices:
     """Carry all vertices of a body. `by_sensors` uses sensors even where the true correspondence is known: what that
     changes is their own error. Raises `RetargetError` for bodies that share too few sensors."""
     if same_topology(source, target) and not by_sensors:
         return CarriedVertices(target, None, None)
-    mesh = source.character.mesh
+    mesh = source.mesh
     face, corner = np.zeros((2, len(mesh.vertices)), dtype=np.int64)  # a vertex without a face takes the first corner
     face[mesh.faces.ravel()] = np.repeat(np.arange(len(mesh.faces)), 3)
     corner[mesh.faces.ravel()] = np.tile(np.arange(3), len(mesh.faces))
-    dense = tuple(place_sensors(each.character, each.humanoid, dense_layout()) for each in (source, target))
+    dense = tuple(
+        place_sensors(each, humanoid, dense_layout())
+        for each, humanoid in ((source, source_humanoid), (target, target_humanoid))
+    )
     return CarriedVertices(target, prepare_carry(*dense)(face, np.eye(3)[corner]), dense)
 
 
-def same_topology(a: Actor, b: Actor) -> bool:
+def same_topology(a: Character, b: Character) -> bool:
     """Whether equal vertices of both mean the same place: one list of faces."""
-    faces, others = a.character.mesh.faces, b.character.mesh.faces
-    same_count = len(a.character.mesh.vertices) == len(b.character.mesh.vertices)
+    faces, others = a.mesh.faces, b.mesh.faces
+    same_count = len(a.mesh.vertices) == len(b.mesh.vertices)
     return same_count and faces.shape == others.shape and bool((faces == others).all())
