@@ -48,7 +48,7 @@ FOREIGN = ("Barbarian", "Knight", "manny_med_mod", "mannequiny", "riggedMesh")
 FPS = 30.0
 
 QUICK_TARGETS = ("heavy", "toddler")
-QUICK_MOTIONS = ("hands_on_hips", "arms_crossed", "hand_to_shoulder")
+QUICK_MOTIONS = ("hands_on_hips", "hand_to_shoulder")
 
 
 @dataclass(frozen=True, eq=False)
