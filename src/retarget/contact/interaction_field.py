@@ -22,11 +22,11 @@ group x part is a slice. What the paper leaves open, and our choices:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Float64, Int
 
 from retarget.contact.sensor_bones import BONES, sensor_bones
 from retarget.contact.sensors import Layout, Sensors, surface_points
@@ -57,8 +57,8 @@ DISTANCES = 100_000
 """Squared distances looked at in one go while targets are chosen: stays in the cache."""
 ENTRIES = 40_000
 """Entries computed in one go: stays in the cache."""
-STRETCH = 64
-"""Frames whose fields are held at a time when a whole clip is compared: about 15 MB with 288 sensors."""
+HELD = 500_000
+"""Entries held at a time when whole clips are compared: bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,34 +122,33 @@ class FieldPlan:
         Raises `RetargetError` for positions of another number of sensors and for positions that are not finite.
         """
         _require_positions(source_positions, len(self.layout))
-        targets = np.empty((len(source_positions), *self.exists.shape), dtype=np.int32)
+        frames = len(source_positions)
+        targets = np.empty((frames, *self.exists.shape), dtype=np.int32)
         both = np.empty(targets.shape, dtype=bool)
-        # About the body's middle, so that expanding |p - q|² costs no digits wherever the body is; double precision.
-        places = source_positions.astype(np.float64)
-        places -= places.mean(axis=1, keepdims=True)
-        for block in self.blocks:
-            self._select(block, places, targets[:, block.rows], both[:, block.rows])
+        share = self.valid[0] / max(1, np.count_nonzero(self.valid[0]))
+        largest = max(len(block.observers) * len(block.candidates) for block in self.blocks)
+        for now in _stretches(frames, DISTANCES // max(1, largest)):
+            # |p|² - 2 p . q + |q|² as one product; about the body's middle and in double precision, so that it costs no
+            # digits wherever the body is.
+            places = source_positions[now] - (share @ source_positions[now])[:, None]
+            lines = np.ones((2, *places.shape[:2], 5))
+            lines[0, ..., :3], lines[1, ..., :3] = places, -2.0 * places
+            lines[0, ..., 3] = lines[1, ..., 4] = _dot(places, places)
+            for block in self.blocks:
+                self._select(block, lines, targets[now, block.rows], both[now, block.rows])
         both &= self.exists & self.valid[1][self.observers, None]
         np.copyto(targets, self.observers[:, None], where=~self.exists)
         return Selection(self.observers, targets, np.broadcast_to(self.exists, targets.shape), both)
 
-    def _select(self, block: Block, places: Array, targets: Array, on_target: Array) -> None:
-        """Fill in the targets of a block, and whether they are valid on the target, in pieces that bound the memory."""
+    def _select(self, block: Block, lines: Float[Array, "2 frames sensors 5"], targets: Array, both: Array) -> None:
+        """Fill in the targets of a block, and whether they are valid on the target."""
         near, far = _shares(block, self.nearest, self.farthest)
-        kinds = (slice(0, near), slice(0, near)), (slice(near, None), slice(self.nearest, self.nearest + far))
-        at_once = max(1, DISTANCES // max(1, len(block.candidates)))
-        step = max(1, at_once // max(1, len(block.observers)))
-        for first in range(0, len(block.observers), at_once):
-            rows = slice(first, first + at_once)
-            for start in range(0, len(places), step):
-                now = slice(start, start + step)
-                seen = nearest_and_farthest(
-                    places[now, block.observers[rows]], places[now, block.candidates], near, far
-                )
-                for here, there in kinds:
-                    chosen = np.take(block.candidates, seen[..., here])
-                    targets[now, rows, there] = chosen
-                    on_target[now, rows, there] = np.take(self.valid[1], chosen)
+        seen = lines[1][:, block.candidates].transpose(0, 2, 1)
+        for rows in _stretches(len(block.observers), DISTANCES // max(1, len(block.candidates))):
+            squared = lines[0][:, block.observers[rows]] @ seen
+            chosen = np.take(block.candidates, nearest_and_farthest(squared, near, far))
+            targets[:, rows, : near + far] = chosen
+            both[:, rows, : near + far] = np.take(self.valid[1], chosen)
 
 
 def prepare_field(
@@ -219,11 +218,10 @@ def _shares(block: Block, nearest: int, farthest: int) -> tuple[int, int]:
 def _existing(
     blocks: tuple[Block, ...], valid: Bool[Array, "sensors"], nearest: int, farthest: int
 ) -> Bool[Array, "rows targets"]:
-    """Which entries exist on the source."""
+    """Which entries exist on the source: the first ones of a row."""
     exists = np.zeros((blocks[-1].rows.stop, nearest + farthest), dtype=bool)
     for block in blocks:
-        near, far = _shares(block, nearest, farthest)
-        exists[block.rows, :near] = exists[block.rows, nearest : nearest + far] = valid[block.observers][:, None]
+        exists[block.rows, : sum(_shares(block, nearest, farthest))] = valid[block.observers][:, None]
     return exists
 
 
@@ -252,24 +250,17 @@ def part_radii(sensors: Sensors) -> dict[str, float]:
 
 
 def nearest_and_farthest(
-    observers: Float[Array, "frames observers 3"],
-    candidates: Float[Array, "frames candidates 3"],
-    nearest: int,
-    farthest: int,
+    squared: Float64[Array, "frames observers candidates"], nearest: int, farthest: int
 ) -> Int[Array, "frames observers chosen"]:
     """Indices of the `nearest` candidates, nearest first, then of the `farthest`, farthest first; of two at one distance
     the lower index counts as nearer. At most as many as there are candidates are asked for.
 
-    The squared distance gives its last bits (one part in 2⁴⁴ of it with 256 candidates) to the candidate's index: one sort
-    of whole numbers then yields both, several times faster than sorting or partitioning indices.
+    `squared` are squared distances (metres²); they are overwritten. They give their last bits (one
+    part in 2⁴⁴ with 256 candidates) to the candidate's index: one sort of whole numbers then yields both kinds, several
+    times faster than `argsort` or `argpartition`.
     """
-    count = candidates.shape[1]
-    first, second = np.ones((*observers.shape[:2], 5)), np.ones((len(candidates), 5, count))
-    first[..., :3], first[..., 3] = observers, _dot(observers, observers)
-    second[:, :3], second[:, 4] = -2.0 * candidates.transpose(0, 2, 1), _dot(candidates, candidates)
-    squared = first @ second  # |p|² - 2 p . q + |q|²
-    np.abs(squared, out=squared)  # rounding may leave a little less than zero
-    keys = squared.view(np.int64)
+    count = squared.shape[-1]
+    keys = squared.view(np.int64)  # in the same order; what rounding left below zero comes first
     low = (1 << max(1, (count - 1).bit_length())) - 1
     keys &= ~low
     keys |= np.arange(count)
@@ -293,9 +284,7 @@ def interaction_field(
     """
     count, sensors, _ = positions.shape
     field = np.empty((*targets.shape, 3), dtype=np.result_type(positions, frames))
-    step = max(1, ENTRIES // max(1, int(np.prod(targets.shape[1:]))))
-    for start in range(0, count, step):
-        part = slice(start, start + step)
+    for part in _stretches(count, ENTRIES // max(1, int(np.prod(targets.shape[1:])))):
         now = positions[part]
         seen = np.where(mask[part], targets[part], observers[:, None])  # a masked entry looks at itself: zero
         seen = seen + sensors * np.arange(len(now))[:, None, None]
@@ -335,7 +324,7 @@ def cosine_loss(
     target_field: Float[Array, "frames rows targets 3"],
     mask: Bool[Array, "frames rows targets"],
 ) -> float:
-    """-(1/T) sum of cos(d_A, d_B) over the entries of the mask (Ye 2024, equation of the DMI loss): a sum over pairs, a mean
+    """-(1/T) sum of cos(d_A, d_B) over the entries of the mask (Ye 2024, the DMI loss): a sum over pairs, a mean
     over frames; blind to length. 0 for no frame."""
     total = np.sum(cosines(source_field, target_field), where=mask, dtype=np.float64)
     return float(-total / max(1, len(mask)))
@@ -375,7 +364,7 @@ def distance_matrix_loss(
     mean over frames. R2ET takes joints and divides by height first, which the division of each row by its sum undoes.
     """
     total = 0.0
-    for now in _stretches(len(source_points)):
+    for now in _stretches(len(source_points), HELD // max(1, source_points.shape[1] ** 2)):
         gap = distance_shares(source_points[now]) - distance_shares(target_points[now])
         total += float(np.sum(gap**2, dtype=np.float64))
     return total / max(1, len(source_points))
@@ -384,51 +373,36 @@ def distance_matrix_loss(
 # --- whole clips ----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class FieldLosses:
-    """How far a target's field is from its source's over a clip."""
-
-    cosine: float
-    """`cosine_loss`."""
-    by_radius: float
-    """`vector_loss` in limb radii."""
-    by_height: float
-    """`vector_loss` in body heights."""
-    pairs: float
-    """Compared pairs a frame: the least that `cosine` can be is minus this."""
-
-
 def field_losses(
     plan: FieldPlan,
     source: tuple[Float[Array, "frames sensors 3"], Float[Array, "frames sensors 3 3"]],
-    target: tuple[Float[Array, "frames sensors 3"], Float[Array, "frames sensors 3 3"]],
-) -> FieldLosses:
-    """Compare two clips (positions and frames of a `SensorSkinner`) without ever holding their whole fields.
+    target: tuple[Float[Array, "other_frames others 3"], Float[Array, "other_frames others 3 3"]],
+) -> dict[str, float]:
+    """Compare two clips (positions and frames of a `SensorSkinner`) without ever holding their whole fields: 'cosine'
+    (`cosine_loss`), 'by_radius' and 'by_height' (`vector_loss` in limb radii and body heights), and 'pairs', how many
+    are compared a frame: the least that 'cosine' can be is minus that.
 
     Raises `RetargetError` for clips of different lengths and as `FieldPlan.select` does.
     """
     _require_positions(target[0], len(plan.layout))
     if len(source[0]) != len(target[0]):
         raise RetargetError(f"clips are compared frame by frame; received {len(source[0])} and {len(target[0])} frames")
-    sums = np.zeros(4)
-    for now in _stretches(len(source[0])):
+    sums = {"cosine": 0.0, "by_radius": 0.0, "by_height": 0.0, "pairs": 0.0}
+    for now in _stretches(len(source[0]), HELD // max(1, plan.exists.size)):
         chosen = plan.select(source[0][now])
         here = interaction_field(source[0][now], source[1][now], chosen.observers, chosen.targets, chosen.source)
         there = interaction_field(target[0][now], target[1][now], chosen.observers, chosen.targets, chosen.both)
-        sums += len(chosen.both) * np.array(
-            [
-                cosine_loss(here, there, chosen.both),
-                vector_loss(here, there, chosen.both, *plan.radii),
-                vector_loss(here, there, chosen.both, *plan.heights),
-                np.count_nonzero(chosen.both) / len(chosen.both),
-            ]
-        )
-    return FieldLosses(*(sums / max(1, len(source[0]))).tolist())
+        count = len(chosen.both)
+        sums["cosine"] += count * cosine_loss(here, there, chosen.both)
+        sums["by_radius"] += count * vector_loss(here, there, chosen.both, *plan.radii)
+        sums["by_height"] += count * vector_loss(here, there, chosen.both, *plan.heights)
+        sums["pairs"] += int(np.count_nonzero(chosen.both))
+    return {name: total / max(1, len(source[0])) for name, total in sums.items()}
 
 
-def _stretches(frames: int) -> Iterator[slice]:
-    for start in range(0, frames, STRETCH):
-        yield slice(start, start + STRETCH)
+def _stretches(frames: int, step: int) -> list[slice]:
+    step = max(1, step)
+    return [slice(start, start + step) for start in range(0, frames, step)]
 
 
 def _require_positions(positions: Array, sensors: int) -> None:
