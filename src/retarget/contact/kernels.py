@@ -15,10 +15,10 @@ MOST_SIDE = 64
 MOST_CELLS = MOST_SIDE * MOST_SIDE
 """Cells of a shadow grid."""
 
-_options = {"cache": True, "nogil": True, "error_model": "numpy", "boundscheck": False}
+OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "boundscheck": False}
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def refit(points, faces, lefts, firsts, counts, low, high):
     """Boxes of a hierarchy whose parents come before their children; `low`, `high` (nodes x 3) are overwritten."""
     for node in range(len(lefts) - 1, -1, -1):
@@ -37,7 +37,7 @@ def refit(points, faces, lefts, firsts, counts, low, high):
             low[node, axis], high[node, axis] = least, most
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _nearest_on_triangle(x, y, z, points, faces, face):
     """Barycentric coordinates (of b and c) of the point of a triangle nearest to a point (Ericson 2005, section 5.1.5),
     and its squared distance."""
@@ -50,7 +50,7 @@ def _nearest_on_triangle(x, y, z, points, faces, face):
     return v, w, gap_x * gap_x + gap_y * gap_y + gap_z * gap_z
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _nearest_coordinates(x, y, z, points, i, j, k):
     ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
     bx, by, bz = points[j, 0], points[j, 1], points[j, 2]
@@ -88,7 +88,7 @@ def _nearest_coordinates(x, y, z, points, i, j, k):
     return vb / total, vc / total
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _box_distance(x, y, z, low, high, node):
     """Squared distance from a point to a node's box. (Scalars throughout: views of rows cost more than the arithmetic.)"""
     gap_x = max(low[node, 0] - x, x - high[node, 0], 0.0)
@@ -97,7 +97,7 @@ def _box_distance(x, y, z, low, high, node):
     return gap_x * gap_x + gap_y * gap_y + gap_z * gap_z
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _boxes_distance(low, high, other_low, other_high):
     """Squared distance between two boxes."""
     total = 0.0
@@ -107,7 +107,7 @@ def _boxes_distance(low, high, other_low, other_high):
     return total
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _nearest(x, y, z, root, points, faces, lefts, firsts, counts, low, high, bound, guess, stack):
     """(squared distance, face, barycentrics of its second and third corner) of the nearest point;
     face -1 where none is nearer than `bound`. `guess` is a face that may be near, or -1."""
@@ -141,7 +141,7 @@ def _nearest(x, y, z, root, points, faces, lefts, firsts, counts, low, high, bou
     return best, best_face, best_v, best_w
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def rim_centres(points, rims, starts, first):
     """Centroid of each rim's vertices, written from row `first` of the points on."""
     for rim in range(len(starts) - 1):
@@ -152,13 +152,13 @@ def rim_centres(points, rims, starts, first):
             points[first + rim, axis] = total / (starts[rim + 1] - starts[rim])
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _steps(low, high, side):
     """Cells a metre; none where all lies on one line."""
     return side / (high - low) if high > low else 0.0
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _cell(value, low, steps, side):
     """Cell of a value along one side of a grid, the border cells for what lies beyond."""
     place = (value - low) * steps
@@ -167,7 +167,7 @@ def _cell(value, low, steps, side):
     return side - 1 if place >= side else int(place)
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _faces_over(root, lefts, firsts, counts, low, high, fans, stop, left, right, down, up, stack):
     """Skin triangles whose boxes touch a rectangle of the x-y plane, and all fans (from `fans` to `stop`)."""
     chosen = np.empty(stop - firsts[root], dtype=np.int32)
@@ -191,7 +191,7 @@ def _faces_over(root, lefts, firsts, counts, low, high, fans, stop, left, right,
     return chosen[:count]
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _shadow_grid(points, faces, chosen, left, right, down, up, side, cells):
     """Triangles whose shadows in the x-y plane may touch the cells of a square grid over a rectangle. `cells` (side² + 1)
     becomes the start of each cell's entries; returns the entries."""
@@ -227,7 +227,7 @@ def _shadow_grid(points, faces, chosen, left, right, down, up, side, cells):
     return entries
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _crosses(points, i, j, x, y):
     """Whether the edge i-j, seen along z, crosses the ray that leaves (x, y) towards +x. Both faces of an edge get the same
     answer: the ends are taken in the order of their indices."""
@@ -239,7 +239,7 @@ def _crosses(points, i, j, x, y):
     return x < x_i + (y - y_i) * (x_j - x_i) / (y_j - y_i)
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _is_inside(x, y, z, points, faces, cells, entries, left, right, down, up, side):
     """Whether a ray from p along +z crosses a closed surface an odd number of times."""
     column, row = _cell(x, left, _steps(left, right, side), side), _cell(y, down, _steps(down, up, side), side)
@@ -268,7 +268,7 @@ def _is_inside(x, y, z, points, faces, cells, entries, left, right, down, up, si
     return odd
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def near_pairs(
     points, candidates, excluded, blocks_excluded, faces, starts, skin_stops, roots, lefts, firsts, counts, low, high, reach,
     out_vertex, out_solid, out_face, out_v, out_w, out_distance,
@@ -352,7 +352,7 @@ def near_pairs(
     return found
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def nearest_points(points, faces, vertices, triangles, shares_v, shares_w, distances, barycentrics, nearest, normals):
     """Fill in, for each pair, the barycentrics and the place of the nearest point, and the unit direction that leads out:
     from it to a vertex outside, to it from one inside; on the surface itself (within a nanometre) the face's normal."""

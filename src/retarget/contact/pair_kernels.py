@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-_options = {"cache": True, "nogil": True, "error_model": "numpy", "boundscheck": False}
+from retarget.contact.kernels import OPTIONS
 
 
 STILL = 0.003
 """Metres: a joint that moves both points of a pair nearly alike has so short a lever, and is left out of that pair."""
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _add_lever(vertex, share, vertices, joints, weights, places, parents, lever, active):
     """Add, to `lever` (joints x 3), how a share of a skinned vertex moves when joints turn: a turn w of joint j moves it by
     w x lever[j]. A joint carries what hangs on it and on all joints below; within a blend the vertex's own place stands in
@@ -31,7 +31,7 @@ def _add_lever(vertex, share, vertices, joints, weights, places, parents, lever,
             joint = parents[joint]
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def add_pairs(
     first, second, shares, normals, wanted, along, across,
     vertices, joints, weights, places, parents, matrix, right,
@@ -94,9 +94,20 @@ def add_pairs(
                             matrix[row + i, column + j] += value * rows[axis, other, j]
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def mirror_lower(matrix):
     """Copy the lower blocks of a symmetric matrix to the upper ones."""
     for row in range(len(matrix)):
         for column in range(row):
             matrix[column, row] = matrix[row, column]
+
+
+def compile_kernels() -> None:
+    """Compile the kernels and keep them on disk, as `collide.compile_kernels` does."""
+    one, none = np.ones(1), np.zeros((1, 3))
+    matrix = np.zeros((3, 3))
+    add_pairs(
+        np.zeros(1, dtype=np.int64), np.zeros((1, 3), dtype=np.int64), none, np.ones((1, 3)), none, one, one,
+        none, np.zeros((1, 1), dtype=np.int32), np.ones((1, 1)), none, np.array([-1], dtype=np.int32), matrix, np.zeros(3),
+    )  # fmt: skip
+    mirror_lower(matrix)
