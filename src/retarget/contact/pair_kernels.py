@@ -7,7 +7,6 @@ from numba import njit
 
 from retarget.contact.kernels import OPTIONS
 
-
 STILL = 0.003
 """Metres: a joint that moves both points of a pair nearly alike has so short a lever, and is left out of that pair."""
 
