@@ -27,6 +27,8 @@ Array = np.ndarray
 
 RAMP = 0.13
 """Seconds over which a contact's pull grows after it began and fades before it ends."""
+COLD = 5
+"""Times that the first frame is solved over again: nothing has warmed it."""
 SMOOTH = 0.035
 """Seconds: standard deviation of the low-pass on the turns, which takes the jumps of nearest points out."""
 
@@ -84,7 +86,7 @@ class PreparedInteraction(Retargeter):
         frames = self._frames(contacts, len(motion), motion.fps)
         offsets = local_positions(copied.motion.skeleton, copied.motion.translations, copied.motion.moved)
         turns = np.zeros((len(motion), len(self.solver.levers.turning), 3))
-        for frame in range(len(motion)):
+        for frame in [0] * COLD + list(range(len(motion))):
             last = turns[max(frame - 1, 0)]
             turns[frame] = self.solver.frame(copied.motion.rotations[frame], offsets[frame], frames[frame], last)
         turns = gaussian(turns, SMOOTH * motion.fps)
