@@ -166,6 +166,29 @@ def map_(
 
 
 @app.command()
+def contacts(
+    source: File,
+    output: Annotated[
+        Optional[Path], typer.Option("--output", "-o", help="The contacts file to write (TOML).", show_default=False)
+    ] = None,
+    clip: Annotated[Optional[str], typer.Option(help="Name of the clip (the first if not given).", show_default=False)] = None,
+    start: Annotated[Optional[float], typer.Option(help="First second to take.", show_default=False)] = None,
+    end: Annotated[Optional[float], typer.Option(help="Last second to take.", show_default=False)] = None,
+    map_file: Annotated[
+        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
+    ] = None,
+    up: Up = None,
+    unit: Unit = None,
+    as_json: Json = False,
+) -> None:
+    """List which parts of the body touch when, and write them to edit and give to `run --contacts`."""
+    _listen(False)
+    from retarget.commands_contacts import Search, find_contacts
+
+    _say(find_contacts(Search(source, output, clip, start, end, map_file, up, unit)), as_json)
+
+
+@app.command()
 def body(
     output: Annotated[Path, typer.Option("--output", "-o", help="The .glb to write.", show_default=False)],
     preset: Annotated[

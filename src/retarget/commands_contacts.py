@@ -1,0 +1,85 @@
+"""What `retarget contacts` does: find the self-contacts of a performance, list them, and write the contacts file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from retarget.body.kinematics import world_pose
+from retarget.character import Motion
+from retarget.contact.contact_file import write_contacts
+from retarget.contact.contact_list import ContactEvent, contact_events
+from retarget.contact.detect import prepare_contacts
+from retarget.errors import RetargetError
+from retarget.io import load
+from retarget.motion.align import Actor
+from retarget.motion.filter import cut, resample
+from retarget.retargeting import Hints, cast
+
+FPS = 30.0
+"""Frames a second to detect at, or the clip's own if lower."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """What `retarget contacts` was asked."""
+
+    source: Path
+    output: Path | None = None
+    clip: str | None = None
+    start: float | None = None
+    end: float | None = None
+    map_file: Path | None = None
+    up: str | None = None
+    unit: float | None = None
+
+
+def find_contacts(search: Search) -> dict[str, Any]:
+    """List the contacts and write the file, where one is asked for. Raises `RetargetError`."""
+    if search.output is not None and search.output.resolve() == search.source.resolve():
+        raise RetargetError(f"{search.output}: the contacts file would replace the source; name another")
+    joints = None
+    if search.map_file is not None:
+        from retarget.correspond.map_file import read_map
+
+        joints = read_map(search.map_file)["source"] or None
+    asset = load(search.source)
+    motion = asset.motion(search.clip if search.clip is not None else 0)
+    actor = cast(asset, Hints(joints, search.up, search.unit), motion)
+    motion = actor.house_from_file.motion(motion)
+    if search.start is not None or search.end is not None:
+        motion = cut(motion, search.start, search.end)
+    actor, motion = _with_surface(actor, resample(motion, min(FPS, motion.fps)), search.source)
+    detector = prepare_contacts(actor.character, actor.humanoid)
+    events = contact_events(detector.clip(*world_pose(motion), motion.fps), motion.fps)
+    if search.output is not None:
+        write_contacts(search.output, events)
+    listed = [asdict(event) | {"parts": list(event.parts), "decides": event.decides} for event in events]
+    return {
+        "source": str(search.source), "clip": motion.name, "fps": motion.fps, "contacts": listed,
+        "output": None if search.output is None else str(search.output), "lines": list(_lines(search, events)),
+    }  # fmt: skip
+
+
+def _with_surface(actor: Actor, motion: Motion, path: Path) -> tuple[Actor, Motion]:
+    """The performer with a skin: where a body that stands in for a bare skeleton comes in."""
+    if actor.character.skin is None:
+        raise RetargetError(f"{path}: the source has no surface; contacts are found on a skinned character (glTF)")
+    return actor, motion
+
+
+def _lines(search: Search, events: Sequence[ContactEvent]) -> Iterator[str]:
+    if events:
+        yield "  start     end  parts                        points  distance  probability"
+    for event in events:
+        names = " - ".join(event.parts)
+        yield (
+            f"{event.start:7.2f} {event.end:7.2f}  {names:<28} {event.points:6d} {event.distance * 100:6.1f} cm"
+            f"         {event.probability:.2f}  {event.decides}"
+        )
+    if not events:
+        yield f"{search.source}: no part of the body touches another"
+    if search.output is not None:
+        yield f"{search.output}: {len(events)} contacts"

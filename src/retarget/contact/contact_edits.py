@@ -1,0 +1,132 @@
+"""What a contacts file asks for, applied: a weight for each contact that was found, and contacts that were not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from retarget.contact.contact_file import GROUPS, ContactEdit, ContactEdits
+from retarget.contact.detect import ContactDetector, Contacts
+from retarget.contact.parts import PARTS
+from retarget.errors import RetargetError
+
+Array = np.ndarray
+
+SLACK = 1.0 / 30.0
+"""Seconds around an entry that still belong to it: the list is made at 30 frames a second, and contacts found at a higher
+rate begin and end between its frames."""
+BAND = 2.0
+"""Contact thresholds above the least distance within which points of an added contact lie."""
+MOST = 64
+"""Points of an added contact in each direction."""
+
+
+@dataclass(frozen=True, eq=False)
+class AddedContacts:
+    """Contacts that a file asks for, one row a frame and point, by entry, frame and vertex."""
+
+    frame: Int[Array, "rows"]
+    vertex: Int[Array, "rows"]
+    face: Int[Array, "rows"]
+    """Face with the point that the vertex shall touch."""
+    barycentric: Float[Array, "rows 3"]
+    gap: Float[Array, "rows"]
+    """Metres to keep between both."""
+    weight: Float[Array, "rows"]
+
+
+def apply_edits(contacts: Contacts, edits: ContactEdits, fps: float) -> Float[Array, "rows"]:
+    """A weight for every row of `contacts`. Without edits the probability p that the pose means it.
+
+    'auto' is p pose + (1 - p) girth with the strengths of these kinds (1 and 0 unless given), 'keep' is 1, 'release' 0; the
+    last entry that speaks of a row counts. The entry's strength multiplies, and so does, once, each line of [strength]
+    in which one of the two parts takes part.
+    """
+    probability = contacts.tracks.pose_probability[contacts.track]
+    own = contacts.tracks.own_part[contacts.track]
+    auto = probability * edits.kind("pose") + (1.0 - probability) * edits.kind("girth")
+    weight = auto.copy()
+    for edit in edits.edits:
+        if edit.does == "add":
+            continue
+        a, b = (PARTS.index(part) for part in edit.parts)
+        pair = ((own == a) & (contacts.part == b)) | ((own == b) & (contacts.part == a))
+        chosen = pair & _during(edit, contacts.frame / fps, SLACK)
+        weight[chosen] = edit.strength * {"auto": auto[chosen], "keep": 1.0, "release": 0.0}[edit.does]
+    for name, parts in GROUPS.items():
+        if name in edits.strength:
+            numbers = [PARTS.index(part) for part in parts]
+            weight[np.isin(own, numbers) | np.isin(contacts.part, numbers)] *= edits.strength[name]
+    return weight
+
+
+def added_contacts(
+    edits: ContactEdits,
+    detector: ContactDetector,
+    world_rotations: Float[Array, "frames joints 4"],
+    world_positions: Float[Array, "frames joints 3"],
+    fps: float,
+) -> AddedContacts:
+    """The rows of all entries 'add'. An entry joins the same points on all its frames: the nearest of both parts, both
+    ways, at the moment when the parts are closest, by their vertices. Raises `RetargetError` for a part that the body lacks.
+    """
+    found = [_added(edit, edits, detector, world_rotations, world_positions, fps) for edit in edits.edits if edit.does == "add"]
+    whole = np.zeros(0, dtype=np.int64)
+    empty = (whole, whole, whole, np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    return AddedContacts(*(np.concatenate(column) for column in zip(empty, *found)))
+
+
+def _added(
+    edit: ContactEdit, edits: ContactEdits, detector: ContactDetector, rotations: Array, positions: Array, fps: float
+) -> tuple[Array, ...]:
+    from scipy.spatial import cKDTree
+
+    parts = detector.collider.parts
+    faces = detector.skinner.character.mesh.faces
+    face_of, corner_of = np.full(len(parts.welded), -1), np.zeros(len(parts.welded), dtype=np.int64)
+    good = np.flatnonzero(parts.face_pieces >= 0)
+    corners = parts.welded[faces[good]]
+    face_of[corners.ravel()], corner_of[corners.ravel()] = np.repeat(good, 3), np.tile(np.arange(3), len(good))
+    sides = []
+    for name in edit.parts:
+        usable = parts.body_vertices & (parts.vertex_parts == PARTS.index(name)) & (face_of >= 0)
+        sides.append(np.flatnonzero(usable & (parts.welded == np.arange(len(usable)))))
+        if len(sides[-1]) == 0:
+            raise RetargetError(f"contacts {edit.parts[0]}-{edit.parts[1]} cannot be added: the body has no {name}")
+    frames = np.flatnonzero(_during(edit, np.arange(len(rotations)) / fps, 1e-3))
+    nearest = (np.inf, None)
+    for frame in frames:
+        posed = detector.skinner.vertices(rotations[frame : frame + 1], positions[frame : frame + 1])[0]
+        least = float(cKDTree(posed[sides[1]]).query(posed[sides[0]])[0].min())
+        if least < nearest[0]:
+            nearest = (least, posed)
+    if nearest[1] is None:
+        return (frames, frames, frames, np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    vertex, touched = [], []
+    for own, other in (sides, sides[::-1]):
+        distance, place = cKDTree(nearest[1][other]).query(nearest[1][own])
+        close = np.argsort(distance, kind="stable")[:MOST]
+        close = np.sort(close[distance[close] <= nearest[0] + BAND * detector.threshold])
+        vertex.append(own[close])
+        touched.append(other[place[close]])
+    own, other = np.concatenate(vertex), np.concatenate(touched)
+    order = np.argsort(own)
+    own, other = own[order], other[order]
+    weight = edit.strength
+    for name, members in GROUPS.items():
+        if name in edits.strength and set(members) & set(edit.parts):
+            weight *= edits.strength[name]
+    rows = len(frames) * len(own)
+    return (
+        np.repeat(frames, len(own)), np.tile(own, len(frames)), np.tile(face_of[other], len(frames)),
+        np.tile(np.eye(3)[corner_of[other]], (len(frames), 1)), np.full(rows, edit.gap), np.full(rows, weight),
+    )  # fmt: skip
+
+
+def _during(edit: ContactEdit, seconds: Float[Array, "rows"], slack: float) -> Bool[Array, "rows"]:
+    """What lies within an entry's time."""
+    start = -np.inf if edit.start is None else edit.start
+    end = np.inf if edit.end is None else edit.end
+    return (seconds >= start - slack) & (seconds <= end + slack)
