@@ -171,7 +171,9 @@ def contacts(
     output: Annotated[
         Optional[Path], typer.Option("--output", "-o", help="The contacts file to write (TOML).", show_default=False)
     ] = None,
-    clip: Annotated[Optional[str], typer.Option(help="Name of the clip (the first if not given).", show_default=False)] = None,
+    clip: Annotated[
+        Optional[str], typer.Option(help="Name of the clip (the first if not given).", show_default=False)
+    ] = None,
     start: Annotated[Optional[float], typer.Option(help="First second to take.", show_default=False)] = None,
     end: Annotated[Optional[float], typer.Option(help="Last second to take.", show_default=False)] = None,
     map_file: Annotated[

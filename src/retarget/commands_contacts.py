@@ -12,7 +12,7 @@ from retarget.character import Motion
 from retarget.contact.contact_file import write_contacts
 from retarget.contact.contact_list import ContactEvent, contact_events
 from retarget.contact.detect import prepare_contacts
-from retarget.errors import RetargetError
+from retarget.errors import FileError, RetargetError
 from retarget.io import load
 from retarget.motion.align import Actor
 from retarget.motion.filter import cut, resample
@@ -40,6 +40,8 @@ def find_contacts(search: Search) -> dict[str, Any]:
     """List the contacts and write the file, where one is asked for. Raises `RetargetError`."""
     if search.output is not None and search.output.resolve() == search.source.resolve():
         raise RetargetError(f"{search.output}: the contacts file would replace the source; name another")
+    if search.output is not None and not search.output.absolute().parent.is_dir():
+        raise FileError(search.output, f"the folder {search.output.parent} does not exist")
     joints = None
     if search.map_file is not None:
         from retarget.correspond.map_file import read_map

@@ -15,8 +15,8 @@ from retarget.errors import RetargetError
 Array = np.ndarray
 
 SLACK = 1.0 / 30.0
-"""Seconds around an entry that still belong to it: the list is made at 30 frames a second, and contacts found at a higher
-rate begin and end between its frames."""
+"""Seconds around an entry that still belong to it: the list is made at 30 frames a second, and contacts found at a
+higher rate begin and end between its frames."""
 BAND = 2.0
 """Contact thresholds above the least distance within which points of an added contact lie."""
 MOST = 64
@@ -40,9 +40,9 @@ class AddedContacts:
 def apply_edits(contacts: Contacts, edits: ContactEdits, fps: float) -> Float[Array, "rows"]:
     """A weight for every row of `contacts`. Without edits the probability p that the pose means it.
 
-    'auto' is p pose + (1 - p) girth with the strengths of these kinds (1 and 0 unless given), 'keep' is 1, 'release' 0; the
-    last entry that speaks of a row counts. The entry's strength multiplies, and so does, once, each line of [strength]
-    in which one of the two parts takes part.
+    'auto' is p pose + (1 - p) girth with the strengths of these kinds (1 and 0 unless given), 'keep' is 1, 'release' 0;
+    the last entry that speaks of a row counts. The entry's strength multiplies, and so does, once, each line of
+    [strength] in which one of the two parts takes part.
     """
     probability = contacts.tracks.pose_probability[contacts.track]
     own = contacts.tracks.own_part[contacts.track]
@@ -69,10 +69,13 @@ def added_contacts(
     world_positions: Float[Array, "frames joints 3"],
     fps: float,
 ) -> AddedContacts:
-    """The rows of all entries 'add'. An entry joins the same points on all its frames: the nearest of both parts, both
-    ways, at the moment when the parts are closest, by their vertices. Raises `RetargetError` for a part that the body lacks.
+    """The rows of all entries 'add'.
+
+    An entry joins the same points on all its frames: the nearest of both parts, both ways, at the moment when the parts
+    are closest, by their vertices. Raises `RetargetError` for a part that the body lacks.
     """
-    found = [_added(edit, edits, detector, world_rotations, world_positions, fps) for edit in edits.edits if edit.does == "add"]
+    asked = [edit for edit in edits.edits if edit.does == "add"]
+    found = [_added(edit, edits, detector, world_rotations, world_positions, fps) for edit in asked]
     whole = np.zeros(0, dtype=np.int64)
     empty = (whole, whole, whole, np.zeros((0, 3)), np.zeros(0), np.zeros(0))
     return AddedContacts(*(np.concatenate(column) for column in zip(empty, *found)))

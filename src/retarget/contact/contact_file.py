@@ -16,6 +16,8 @@ from retarget.io.whole_file import written_whole
 
 DOES = ("auto", "keep", "release", "add")
 STRONGEST = 10.0
+FARTHEST = 1e6
+"""Seconds and metres that no file means to exceed."""
 LARGEST = 1_000_000
 """Bytes; a longer file is none of ours."""
 KEYS = ("parts", "start", "end", "does", "strength", "gap", "probability", "points")
@@ -90,15 +92,16 @@ def read_contacts(path: str | Path) -> ContactEdits:
         import tomli as tomllib
     path = Path(path)
     try:
-        if path.stat().st_size > LARGEST:
-            raise FileError(path, f"is larger than {LARGEST} bytes; this is no contacts file")
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        size = path.stat().st_size
+        content = tomllib.loads(path.read_text(encoding="utf-8")) if size <= LARGEST else None
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise FileError(path, "is not UTF-8 text", f"byte {error.start}") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: besides bad TOML, a number of thousands of digits
         raise FileError(path, f"is not valid TOML: {error}") from None
+    if content is None:
+        raise FileError(path, f"has {size} bytes, more than {LARGEST}; this is no contacts file")
     for table in content:
         if table not in TABLES:
             raise FileError(path, str(unknown_name("table", table, TABLES, "a contacts file")))
@@ -106,7 +109,7 @@ def read_contacts(path: str | Path) -> ContactEdits:
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise FileError(path, "entries must be tables, written [[contact]]", "contact")
     if not isinstance(strength, dict):
-        raise FileError(path, f"strength must be a table, written [strength]; received {strength!r}")
+        raise FileError(path, f"strength must be a table, written [strength]; received {_shown(strength)}")
     known = (*(name for name in GROUPS if name not in PARTS), *KINDS, *PARTS)
     for name, value in strength.items():
         if name not in known:
@@ -123,14 +126,14 @@ def _edit(path: Path, place: str, row: dict[str, Any]) -> ContactEdit:
             raise FileError(path, str(unknown_name("key", key, KEYS, "a contact")), place)
     parts, does = row.get("parts"), row.get("does", "auto")
     if not isinstance(parts, list) or len(parts) != 2 or not all(isinstance(part, str) for part in parts):
-        raise FileError(path, f'parts must be two names, such as ["leftHand", "abdomen"]; received {parts!r}', place)
+        raise FileError(path, f'parts must be two names, such as ["leftHand", "abdomen"]; received {_shown(parts)}', place)
     for part in parts:
         if part not in PARTS:
             raise FileError(path, str(unknown_name("part", part, PARTS, "the body")), place)
     if parts[0] == parts[1]:
         raise FileError(path, f"a part cannot touch itself; received {parts[0]!r} twice", place)
     if does not in DOES:
-        raise FileError(path, f"does must be one of {', '.join(DOES)}; received {does!r}", place)
+        raise FileError(path, f"does must be one of {', '.join(DOES)}; received {_shown(does)}", place)
     if "gap" in row and does != "add":
         raise FileError(path, f'gap goes with does = "add" only; received does = "{does}"', place)
     given = {key: _number(path, place, key, row[key]) for key in ("start", "end", "gap") if key in row}
@@ -140,13 +143,21 @@ def _edit(path: Path, place: str, row: dict[str, Any]) -> ContactEdit:
     return ContactEdit((parts[0], parts[1]), does=does, strength=strength, **given)
 
 
-def _number(path: Path, place: str, name: str, value: Any, most: float = math.inf) -> float:
+def _number(path: Path, place: str, name: str, value: Any, most: float = FARTHEST) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise FileError(path, f"{name} must be a number; received {value!r}", place)
-    if not 0.0 <= value <= most or value == math.inf:
-        limit = "at least 0 and finite" if most == math.inf else f"from 0 to {most:g}"
-        raise FileError(path, f"{name} must be {limit}; received {value!r}", place)
+        raise FileError(path, f"{name} must be a number; received {_shown(value)}", place)
+    if not 0.0 <= value <= most:
+        raise FileError(path, f"{name} must be from 0 to {most:g}; received {_shown(value)}", place)
     return float(value)
+
+
+def _shown(value: Any) -> str:
+    """A value in a message, shortened."""
+    try:
+        text = repr(value)
+    except ValueError:  # thousands of digits
+        return "a number too large to print"
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def write_contacts(path: str | Path, events: Sequence[ContactEvent]) -> None:

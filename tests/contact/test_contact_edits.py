@@ -1,0 +1,107 @@
+"""A contacts file applied: just the rows that it speaks of change, and added contacts join stable points."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from test_contact_list import made_contacts
+
+from retarget.body.kinematics import world_pose
+from retarget.contact.contact_edits import added_contacts, apply_edits
+from retarget.contact.contact_file import ContactEdit, ContactEdits
+from retarget.contact.detect import prepare_contacts
+from retarget.contact.parts import PARTS
+from retarget.errors import RetargetError
+from retarget.motion.filter import resample
+from retarget.motion.library import embedded_motion, performer
+from retarget.retargeting import cast
+
+FPS = 10.0
+
+
+@cache
+def hands_on_hips():
+    performing = cast(performer())
+    detector = prepare_contacts(performing.character, performing.humanoid)
+    pose = world_pose(resample(embedded_motion("hands_on_hips"), FPS))
+    return detector, pose, detector.clip(*pose, FPS)
+
+
+def pair(contacts, one, other):
+    own = contacts.tracks.own_part[contacts.track]
+    one, other = PARTS.index(one), PARTS.index(other)
+    return ((own == one) & (contacts.part == other)) | ((own == other) & (contacts.part == one))
+
+
+def test_without_edits_the_pose_decides():
+    _, _, contacts = hands_on_hips()
+    weight = apply_edits(contacts, ContactEdits(), FPS)
+    assert np.array_equal(weight, contacts.tracks.pose_probability[contacts.track])
+
+
+def test_releasing_a_pair_for_a_while_removes_just_these_rows():
+    _, _, contacts = hands_on_hips()
+    before = apply_edits(contacts, ContactEdits(), FPS)
+    edit = ContactEdit(("pelvis", "leftHand"), 1.5, 2.5, "release")
+    after = apply_edits(contacts, ContactEdits((edit,)), FPS)
+    spoken_of = pair(contacts, "leftHand", "pelvis") & (contacts.frame >= 15) & (contacts.frame <= 25)
+    assert spoken_of.any() and (before[spoken_of] > 0).all()
+    assert (pair(contacts, "leftHand", "pelvis") & ~spoken_of).any()
+    assert (after[spoken_of] == 0).all() and np.array_equal(after[~spoken_of], before[~spoken_of])
+
+
+def test_keep_strengths_and_kinds():
+    contacts = made_contacts(
+        (0, 1, "leftHand", "leftForearm", 0.0, 0.25),
+        (0, 2, "leftHand", "head", 0.0, 0.25),
+        (0, 3, "chest", "head", 0.0, 0.25),
+    )
+    weights = lambda *edits, **strength: apply_edits(contacts, ContactEdits(edits, strength), 30.0).tolist()  # noqa: E731
+    head = ("head", "leftHand")
+    assert weights(ContactEdit(head, does="keep", strength=2.0)) == [0.25, 2.0, 0.25]
+    assert weights(ContactEdit(head, does="release"), ContactEdit(head, strength=3.0)) == [0.25, 0.75, 0.25]
+    assert weights(arms=0.5) == [0.125, 0.125, 0.25], "a line counts once, though both parts are in the arm"
+    assert weights(arms=0.5, head=2.0) == [0.125, 0.25, 0.5]
+    assert weights(pose=0.0, girth=1.0) == [0.75, 0.75, 0.75]
+
+
+def test_an_added_contact_joins_the_same_points_on_every_frame():
+    detector, pose, _ = hands_on_hips()
+    edit = ContactEdit(("rightHand", "head"), 0.5, 1.0, "add", 2.0, 0.03)
+    added = added_contacts(ContactEdits((edit,), {"rightArm": 0.5}), detector, *pose, FPS)
+    assert np.array_equal(np.unique(added.frame), np.arange(5, 11))
+    own = detector.collider.parts.vertex_parts[added.vertex]
+    faces = detector.skinner.character.mesh.faces[added.face]
+    touched = detector.collider.parts.vertex_parts[faces[np.arange(len(faces)), added.barycentric.argmax(axis=1)]]
+    ends = {(PARTS[a], PARTS[b]) for a, b in zip(own, touched)}
+    assert ends == {("rightHand", "head"), ("head", "rightHand")}
+    assert (added.gap == 0.03).all() and (added.weight == 1.0).all()
+    first = added.frame == 5
+    for frame in range(6, 11):
+        assert np.array_equal(added.vertex[added.frame == frame], added.vertex[first])
+        assert np.array_equal(added.face[added.frame == frame], added.face[first])
+
+
+def test_added_points_are_the_nearest():
+    detector, pose, _ = hands_on_hips()
+    added = added_contacts(ContactEdits((ContactEdit(("rightHand", "head"), 0.5, 0.5, "add"),)), detector, *pose, FPS)
+    posed = detector.skinner.vertices(pose[0][5:6], pose[1][5:6])[0]
+    parts = detector.collider.parts.vertex_parts
+    hand, head = (posed[parts == PARTS.index(name)] for name in ("rightHand", "head"))
+    least = np.linalg.norm(hand[:, None] - head[None], axis=2).min()
+    corners = posed[detector.skinner.character.mesh.faces[added.face]]
+    reach = np.linalg.norm(posed[added.vertex] - (added.barycentric[..., None] * corners).sum(axis=1), axis=1)
+    assert reach.min() == pytest.approx(least) and reach.max() <= least + 2 * detector.threshold + 1e-6
+
+
+def test_nothing_added_gives_empty_rows_and_a_missing_part_is_named():
+    detector, pose, _ = hands_on_hips()
+    assert len(added_contacts(ContactEdits(), detector, *pose, FPS).frame) == 0
+    late = ContactEdit(("rightHand", "head"), 500.0, None, "add")
+    assert len(added_contacts(ContactEdits((late,)), detector, *pose, FPS).frame) == 0
+    parts = detector.collider.parts
+    neckless = np.where(parts.vertex_parts == PARTS.index("neck"), PARTS.index("head"), parts.vertex_parts)
+    lacking = replace(detector, collider=replace(detector.collider, parts=replace(parts, vertex_parts=neckless)))
+    with pytest.raises(RetargetError, match="leftHand-neck cannot be added: the body has no neck"):
+        added_contacts(ContactEdits((ContactEdit(("leftHand", "neck"), does="add"),)), lacking, *pose, FPS)
