@@ -61,7 +61,7 @@ def test_json_and_a_part_of_the_clip(files, command):
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (["walk.bvh"], "no surface"),
+        (["walk.bvh"], "walk.bvh: the source has no surface; contacts are found on a skinned character"),
         (["hips.glb", "--clip", "hip"], "nearest: 'hips'"),
         (["none.glb"], "none.glb"),
     ],

@@ -32,12 +32,13 @@ def test_both_directions_of_a_pair_are_one_event_and_short_gaps_are_bridged():
 
 def test_events_come_by_time_then_pair():
     contacts = made_contacts(
-        (3, 1, "head", "leftHand", 0.0, 1.0),
-        (3, 2, "rightHand", "chest", 0.0, 1.0),
+        (3, 1, "head", "rightHand", 0.0, 1.0),
+        (3, 2, "leftHand", "chest", 0.0, 1.0),
         (1, 3, "rightThigh", "leftThigh", 0.0, 1.0),
+        (6, 3, "rightThigh", "leftThigh", 0.0, 1.0),
     )
     assert [event.parts for event in contact_events(contacts, 30.0)] == [
-        ("rightThigh", "leftThigh"), ("leftHand", "head"), ("rightHand", "chest"),
+        ("rightThigh", "leftThigh"), ("leftHand", "chest"), ("rightHand", "head"),
     ]  # fmt: skip
 
 

@@ -126,7 +126,8 @@ def _edit(path: Path, place: str, row: dict[str, Any]) -> ContactEdit:
             raise FileError(path, str(unknown_name("key", key, KEYS, "a contact")), place)
     parts, does = row.get("parts"), row.get("does", "auto")
     if not isinstance(parts, list) or len(parts) != 2 or not all(isinstance(part, str) for part in parts):
-        raise FileError(path, f'parts must be two names, such as ["leftHand", "abdomen"]; received {_shown(parts)}', place)
+        example = '["leftHand", "abdomen"]'
+        raise FileError(path, f"parts must be two names, such as {example}; received {_shown(parts)}", place)
     for part in parts:
         if part not in PARTS:
             raise FileError(path, str(unknown_name("part", part, PARTS, "the body")), place)
