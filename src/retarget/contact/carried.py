@@ -41,20 +41,23 @@ class CarriedVertices:
         corners = self.target.mesh.faces[self.by_sensors.faces[vertices]]
         return (self.by_sensors.barycentrics[vertices][..., None] * posed[frame[:, None, None], corners]).sum(axis=-2)
 
-    def pairs(
-        self, vertex: Int[Array, "rows"], corners: Int[Array, "rows 3"], shares: Float[Array, "rows 3"]
-    ) -> tuple[Int[Array, "rows"], Int[Array, "rows 3"], Float[Array, "rows 3"], Bool[Array, "rows"]]:
-        """Touching places of the source, a vertex and a point of three others, on the target's own vertices: a vertex,
-        three corners and their shares, and whether both can be trusted. Through sensors both are as coarse as an edge: the
-        corner that lies nearest stands for a place."""
+    def points(
+        self, vertices: Int[Array, "rows corners"], shares: Float[Array, "rows corners"]
+    ) -> tuple[Int[Array, "rows others"], Float[Array, "rows others"]]:
+        """Points between vertices of the source, as points between vertices of the target: three for each of the source's
+        where sensors carry them, else the same."""
         if self.by_sensors is None:
-            return vertex, corners, shares, np.ones(len(vertex), dtype=bool)
-        faces, carried = self.target.mesh.faces, self.by_sensors
-        nearest = carried.barycentrics[vertex].argmax(axis=1)
-        first = faces[carried.faces[vertex], nearest]
-        touched = np.take_along_axis(corners, shares.argmax(axis=1)[:, None], axis=1)[:, 0]
-        trusted = carried.valid[vertex] & carried.valid[touched]
-        return first, faces[carried.faces[touched]], carried.barycentrics[touched], trusted
+            return np.ascontiguousarray(vertices), np.ascontiguousarray(shares)
+        corners = self.target.mesh.faces[self.by_sensors.faces[vertices]]
+        inside = self.by_sensors.barycentrics[vertices] * shares[..., None]
+        return corners.reshape(len(vertices), 3 * vertices.shape[1]), inside.reshape(len(vertices), 3 * vertices.shape[1])
+
+    def nearest(self) -> Int[Array, "vertices"]:
+        """The target's vertex nearest to each of the source's."""
+        if self.by_sensors is None:
+            return np.arange(len(self.target.mesh.vertices))
+        corner = self.by_sensors.barycentrics.argmax(axis=1)
+        return self.target.mesh.faces[self.by_sensors.faces, corner]
 
 
 def carry_vertices(

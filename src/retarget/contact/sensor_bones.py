@@ -13,7 +13,7 @@ foot are measured on the surface. All of this is ours; the paper names neither i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -90,6 +90,8 @@ class SensorBone:
     """Skin weight by which a face is associated with the bone."""
     outermost: bool = False
     """Take the last surface that a ray leaves, not the first."""
+    reach: float = np.inf
+    """Metres from the bone within which a surface counts."""
 
 
 def stand(character: Character, humanoid: Humanoid) -> Stance:
@@ -159,7 +161,7 @@ def sensor_bones(stance: Stance) -> dict[str, SensorBone]:
     for side in SIDES:
         arm, elbow, wrist = (at[side + part] for part in ("UpperArm", "LowerArm", "Hand"))
         leg, knee, ankle = (at[side + part] for part in ("UpperLeg", "LowerLeg", "Foot"))
-        bones[side + "Shoulder"] = _bone(neck, arm, trunk)
+        bones[side + "Shoulder"] = replace(_bone(neck, arm, trunk), reach=float(np.linalg.norm(arm - neck)))
         bones[side + "UpperArm"] = _bone(arm, elbow, pool(side + "UpperArm"))
         bones[side + "LowerArm"] = _bone(elbow, wrist, pool(side + "LowerArm"))
         bones[side + "Hand"] = _bone(wrist, _palm_end(stance, side, elbow, wrist), pool(side + "Hand"))

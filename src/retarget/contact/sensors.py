@@ -17,6 +17,8 @@ What the algorithm leaves open, and our choices:
   throat (on bare bodies first or last made no difference); at the head the last, as it has a mouth and eyes inside;
 - tangent frame: the bone's direction projected onto the surface, normal x tangent, smooth normal; orthonormal, also in
   motion, where blending shrinks the paper's frames (to a determinant of .4);
+- a clavicle's rays count within the clavicle's length: those that leave downwards would run through the trunk and end
+  on the waist of one body and on the thigh of another;
 - for density only, l beyond [0, 1): the ray starts at the bone's end and tilts by |excess| x 90 degrees along the bone,
   so that crown, chin, fingertips, heel, toes and crotch are covered.
 """
@@ -172,6 +174,8 @@ def place_sensors(character: Character, humanoid: Humanoid, layout: Layout | Non
             origins, directions, stance.vertices, mesh.faces[near], bone.outermost
         )
         faces[which[valid[which]]] = near[hit[valid[which]]]
+        landed = surface_points(stance.vertices, mesh.faces, faces[which], barycentrics[which])
+        valid[which] &= np.linalg.norm(landed - origins, axis=1) <= bone.reach
         turn = stance.world_from_body
         if name in stance.turns:
             turn = rot.multiply(rot.inverse(stance.turns[name]), turn)

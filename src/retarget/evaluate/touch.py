@@ -17,8 +17,8 @@ from retarget.character import Motion
 from retarget.contact.carried import CarriedVertices, carry_vertices
 from retarget.contact.collide import Collider, prepare_collider
 from retarget.contact.detect import LEAVE, ContactDetector, Contacts, prepare_contacts
+from retarget.contact.near_sensors import hand_pairs
 from retarget.contact.parts import BodyParts
-from retarget.contact.sensor_bones import BONES
 from retarget.contact.sensors import Sensors, place_sensors, pose_sensors
 from retarget.contact.slim import arm_radius
 from retarget.evaluate import metrics
@@ -89,10 +89,12 @@ class TouchJudge:
         percent = metrics.penetration_percent(depth, limb)
         in_source = metrics.penetration_percent(touch.depth, touch.parts.limb_vertices)
         kept, counted = self._kept(touch, posed, countable)
+        error, two_sided = self._contact_errors(touch, motion)
         figures: dict[str, float | None] = {
             "contacts_kept": kept,
             "contacts_counted": counted,
-            "contact_error": self._contact_error(touch, motion),
+            "contact_error": error,
+            "two_sided_contact_error": two_sided,
             "penetration_percent": float(percent.mean()),
             "source_penetration_percent": float(in_source.mean()),
             "excess_penetration_percent": float(metrics.excess_penetration_percent(percent, in_source).mean()),
@@ -121,14 +123,15 @@ class TouchJudge:
         everywhere = np.ones((1, len(rows)), dtype=bool)
         return metrics.contacts_kept(places[None, :, 0], touched[None], everywhere, self.threshold), len(rows)
 
-    def _contact_error(self, touch: SourceTouch, motion: Motion) -> float | None:
+    def _contact_errors(self, touch: SourceTouch, motion: Motion) -> tuple[float | None, float | None]:
+        """As the paper charges it, and to both sides."""
         distances = []
-        first, second = sensor_pairs(self.sensors)
+        first, second = hand_pairs(*self.sensors)
         for sensors, moving in zip(self.sensors, (touch.motion, motion)):
             places, _ = pose_sensors(sensors, moving)
             distances.append(np.linalg.norm(places[:, first] - places[:, second], axis=-1).astype(np.float64))
-        error = metrics.contact_error(*distances, *self.radii)
-        return None if np.isnan(error) else error
+        errors = (metrics.contact_error(*distances, *self.radii, two_sided=both) for both in (False, True))
+        return tuple(None if np.isnan(error) else error for error in errors)
 
 
 def prepare_judge(touch: SourceTouch, target: Actor, by_sensors: bool = False) -> TouchJudge:
@@ -163,18 +166,3 @@ def judged_body(actor: Actor) -> JudgedBody:
     collider = prepare_collider(character, humanoid)
     sensors = place_sensors(character, humanoid)
     return JudgedBody(prepare_skinning(character), collider, sensors, arm_radius(character, humanoid, collider.parts))
-
-
-def sensor_pairs(sensors: tuple[Sensors, Sensors]) -> tuple[Int[Array, "pairs"], Int[Array, "pairs"]]:
-    """Pairs of a sensor on a hand and one anywhere but on the same arm, valid on both bodies (Ye 2024, appendix B; which
-    sensors are 'body' is ours)."""
-    names = np.array(BONES)[sensors[0].layout.bones]
-    valid = sensors[0].valid & sensors[1].valid
-    pairs = []
-    for side in ("left", "right"):
-        own = np.char.startswith(names, side) & (np.char.find(names, "Arm") >= 0)
-        hand, shoulder = names == f"{side}Hand", names == f"{side}Shoulder"
-        others = np.flatnonzero(valid & ~(own | hand | shoulder))
-        first, second = np.meshgrid(np.flatnonzero(valid & hand), others, indexing="ij")
-        pairs.append(np.stack([first.ravel(), second.ravel()]))
-    return tuple(np.concatenate(pairs, axis=1))

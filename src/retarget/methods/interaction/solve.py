@@ -1,148 +1,145 @@
-"""One pose made to touch what it should and nothing else: damped Gauss-Newton over the turns of the upper body's joints.
+"""Poses made to touch what they should and nothing else: damped Gauss-Newton, frame by frame and over whole clips.
 
-Terms: contacts of the source (along the normal and across it), repulsion of what penetrates (point to plane, every
-vertex), closeness to the copied pose, closeness to the frame before. All by analytic Jacobians (`contact/pair_kernels.py`). After
-Ye 2024's aim, by a solver of our own; the paper trains a network.
+Frame by frame, each solution starts at the frame before (`follow`): that needs no future, and is what online use gets. A
+clip is then solved once more as one problem (`together`): the equations of all its frames, linearised there, with the
+curvature of the correction over time as one more term, so that contacts that come and go do not jerk; it is banded, and
+solved directly in windows.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from retarget.body import rotations as rot
-from retarget.body.kinematics import forward
-from retarget.body.skinning import Skinner
-from retarget.character import Skeleton
-from retarget.contact.collide import Collider
-from retarget.contact.skin_levers import SkinLevers
+from retarget.methods.interaction.equations import Linearised, PoseEquations
+from retarget.methods.interaction.goals import ClipGoals, FrameGoals
 
 Array = np.ndarray
 
 ROUNDS = 2
-"""Gauss-Newton steps a frame; frames are warm-started, and one step is nearly as good."""
-MARGIN = 0.0018
-"""Share of the height that surfaces keep apart."""
-CONTACT, ACROSS, REPULSION = 3.0, 1.0, 6.0
-"""Weights of a contact along and across its normal, and of a penetrating vertex."""
-MOST_CONTACT, MOST_REPULSION = 60.0, 150.0
-"""The sum of weights (before those above) that all contacts, and all penetrating vertices, have at most: a large patch
-must not outweigh everything else."""
+"""Gauss-Newton steps a frame that starts at the frame before."""
+COLD = 6
+"""The same for the first frame, which nothing has warmed."""
+TOGETHER = 2
+"""Gauss-Newton steps of a whole clip."""
 PRIOR = 0.015
 """Weight of closeness to the copied pose, times the joint's stiffness."""
 STEADY = 0.02
-"""The same for the frame before."""
-STIFFNESS = {"spine": 15.0, "chest": 15.0, "upperChest": 15.0, "neck": 4.0, "head": 4.0, "Shoulder": 2.0, "Hand": 2.0}
+"""Weight of closeness to the frame before, likewise, at 30 frames a second."""
+CURVATURE, SPEED = 1.5, 0.02
+"""Weights of the correction's second and first difference over a clip, likewise, at 30 frames a second."""
+STIFFNESS = {
+    "hips": 60.0, "spine": 15.0, "chest": 15.0, "upperChest": 15.0, "neck": 4.0, "head": 4.0, "Shoulder": 2.0, "Hand": 2.0,
+    "UpperLeg": 3.0, "LowerLeg": 3.0, "Foot": 3.0,
+}  # fmt: skip
 """Of each joint against being turned; 1 for those not named."""
+SHIFT_STIFFNESS = 1000.0
+"""The same of the hips against being shifted: a decimetre weighs as much as ten radians squared of an elbow."""
 LONGEST_TURN = 0.25
-"""Radians that a joint turns in one step at most."""
-SLACK = 0.2
-"""Thresholds that a contact may be off without being pulled."""
+"""Radians that a joint turns in one step at most; metres that the hips shift."""
+NOTHING = 1e-4
+"""Radians: steps shorter than this end a frame's rounds."""
+WINDOW, OVERLAP = 160, 24
+"""Frames that are solved together, and how many of them the next window solves again."""
 
 
 @dataclass(frozen=True, eq=False)
-class FrameContacts:
-    """What should touch on one frame, on the target's own vertices."""
+class Solver:
+    """A prepared target with its stiffness; `prepare_solver` makes one."""
 
-    first: Int[Array, "contacts"]
-    second: Int[Array, "contacts 3"]
-    shares: Float[Array, "contacts 3"]
-    gap: Float[Array, "contacts"]
-    """How far apart along the second's normal, metres."""
-    weight: Float[Array, "contacts"]
+    equations: PoseEquations
+    stiffness: Float[Array, "unknowns"]
 
-
-@dataclass(frozen=True, eq=False)
-class PoseSolver:
-    """A target prepared for solving."""
-
-    skeleton: Skeleton
-    faces: Int[Array, "faces 3"]
-    skinner: Skinner
-    collider: Collider
-    levers: SkinLevers
-    height: float
-    threshold: float
-    """Metres within which skin touches."""
-
-    @property
-    def stiffness(self) -> Float[Array, "turning"]:
-        names = (name.removeprefix("left").removeprefix("right") for name in self.levers.names)
-        return np.array([STIFFNESS.get(name, 1.0) for name in names])
-
-    def frame(
+    def follow(
         self,
         copied: Float[Array, "joints 4"],
         offsets: Float[Array, "joints 3"],
-        contacts: FrameContacts,
-        before: Float[Array, "turning 3"],
-    ) -> Float[Array, "turning 3"]:
-        """The turns (rotation vectors on top of the copied local rotations, radians) that mend one pose. `before` are the
-        last frame's, from which it starts."""
-        turns, stiff = before.copy(), np.repeat(self.stiffness, 3)
-        for _ in range(ROUNDS):
-            rotations, positions = forward(self.skeleton.parents, self.turned(copied, turns), offsets)
-            vertices = self.skinner.vertices(rotations[None], positions[None])[0].astype(np.float64)
-            matrix, right = self._equations(vertices, positions, contacts)
-            world = rotations[self.levers.turning]
-            matrix[np.diag_indices(len(matrix))] += (PRIOR + STEADY) * stiff + 1e-6
-            right -= stiff * (PRIOR * rot.rotate(world, turns) + STEADY * rot.rotate(world, turns - before)).ravel()
-            step = np.linalg.solve(matrix, right).reshape(-1, 3)
-            longest = float(np.linalg.norm(step, axis=1).max())
-            step *= min(1.0, LONGEST_TURN / max(longest, 1e-12))
-            own = rot.from_rotation_vector(rot.rotate(rot.inverse(world), step))
-            turns = rot.to_rotation_vector(rot.multiply(rot.from_rotation_vector(turns), own))
-            if longest < 1e-4:
+        goals: FrameGoals,
+        before: Float[Array, "unknowns"],
+        rounds: int,
+        steady: float,
+    ) -> Float[Array, "unknowns"]:
+        """The correction of one frame that starts at, and stays near, that of the frame before."""
+        x = before.copy()
+        for _ in range(rounds):
+            found = self.equations.linearise(copied, offsets, goals, x)
+            if not found.penetrating and not len(goals.weight) and not x.any():
                 break
-        return turns
+            matrix = found.matrix
+            matrix[np.diag_indices(len(x))] += (PRIOR + steady) * self.stiffness + 1e-6
+            step = _solved(matrix, found.right - self.stiffness * (PRIOR * x + steady * (x - before)))
+            x += step * np.minimum(1.0, LONGEST_TURN / np.maximum(_lengths(step), 1e-12))
+            if _lengths(step).max() < NOTHING:
+                break
+        return x
 
-    def turned(
-        self, copied: Float[Array, "*frames joints 4"], turns: Float[Array, "*frames turning 3"]
-    ) -> Float[Array, "*frames joints 4"]:
-        """Local rotations with the turns on top."""
-        local = copied.copy()
-        turning = self.levers.turning
-        local[..., turning, :] = rot.multiply(local[..., turning, :], rot.from_rotation_vector(turns))
-        return local
+    def together(
+        self, x: Float[Array, "frames unknowns"], found: Sequence[Linearised], fps: float
+    ) -> Float[Array, "frames unknowns"]:
+        """The corrections of a clip as one problem, from the equations of its frames linearised at `x`."""
+        solved = x.copy()
+        for start in range(0, len(x), WINDOW - OVERLAP):
+            stop = min(start + WINDOW, len(x))
+            known = solved[max(start - 2, 0) : start]  # the curvature runs on from what is solved already
+            solved[start:stop] = self._window(x[start:stop], found[start:stop], known, fps)
+            if stop == len(x):
+                break
+        step = solved - x
+        return x + step * np.minimum(1.0, LONGEST_TURN / np.maximum(_lengths(step), 1e-12))
 
-    def _equations(
-        self, vertices: Float[Array, "vertices 3"], positions: Float[Array, "joints 3"], contacts: FrameContacts
-    ) -> tuple[Array, Array]:
-        from retarget.contact import pair_kernels
+    def _window(
+        self, x: Float[Array, "frames unknowns"], found: Sequence[Linearised], known: Array, fps: float
+    ) -> Float[Array, "frames unknowns"]:
+        from scipy.linalg import solveh_banded
 
-        size = 3 * len(self.levers.turning)
-        matrix, right = np.zeros((size, size)), np.zeros(size)
-        skin = (
-            vertices, self.levers.joints, self.levers.weights, positions[self.levers.turning], self.levers.parents,
-            matrix, right,
-        )  # fmt: skip
-        if len(contacts.first):
-            corners = vertices[contacts.second]
-            normals = rot.unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-            apart = vertices[contacts.first] - (contacts.shares[:, :, None] * corners).sum(axis=1)
-            wanted = contacts.gap[:, None] * normals - apart
-            off = np.linalg.norm(wanted, axis=1)
-            wanted *= np.maximum(0.0, 1.0 - SLACK * self.threshold / np.maximum(off, 1e-12))[:, None]
-            weight = contacts.weight * min(1.0, MOST_CONTACT / max(float(contacts.weight.sum()), 1e-12))
-            pair_kernels.add_pairs(
-                contacts.first,
-                contacts.second,
-                contacts.shares,
-                normals,
-                wanted,
-                CONTACT * weight,
-                ACROSS * weight,
-                *skin,
-            )
-        margin = MARGIN * self.height
-        near = self.collider.pairs(vertices, margin)
-        if len(near.vertex):
-            weight = np.full(len(near.vertex), REPULSION * min(1.0, MOST_REPULSION / len(near.vertex)))
-            pair_kernels.add_pairs(
-                near.vertex, self.faces[near.face], near.barycentric, near.normal,
-                (margin - near.distance)[:, None] * near.normal, weight, np.zeros(len(weight)), *skin,
-            )  # fmt: skip
-        pair_kernels.mirror_lower(matrix)
-        return matrix, right
+        frames, size = x.shape
+        curvature, speed = _differences(frames, len(known))
+        # Equal curvature and speed cost alike, whatever the frame rate.
+        rate = fps / 30.0
+        time = CURVATURE * rate**4 * curvature.T @ curvature + SPEED * rate**2 * speed.T @ speed
+        fixed, time = time[len(known) :, : len(known)], time[len(known) :, len(known) :]
+        matrices = np.stack([each.matrix for each in found])
+        right = np.stack([each.right for each in found]) + np.einsum("tij,tj->ti", matrices, x)
+        right -= (fixed @ known) * self.stiffness
+        rows, columns = np.tril_indices(size)
+        reach = min(2, frames - 1)
+        band = np.zeros((max(reach * size + 1, size), frames, size))
+        band[rows - columns, :, columns] = matrices[:, rows, columns].T
+        for apart in range(reach + 1):
+            own = np.diagonal(time, -apart)
+            band[apart * size, : frames - apart] += own[:, None] * self.stiffness
+        band[0] += PRIOR * self.stiffness + 1e-6
+        flat = band.reshape(len(band), frames * size)
+        return solveh_banded(flat, right.ravel(), lower=True, overwrite_ab=True, check_finite=False).reshape(x.shape)
+
+
+def prepare_solver(equations: PoseEquations) -> Solver:
+    """A solver with the joints' stiffness."""
+    names = (name.removeprefix("left").removeprefix("right") for name in equations.levers.names)
+    joints = np.repeat([STIFFNESS.get(name, 1.0) for name in names], 3)
+    return Solver(equations, np.append(joints, np.full(3, SHIFT_STIFFNESS)))
+
+
+def _solved(matrix: Float[Array, "unknowns unknowns"], right: Float[Array, "unknowns"]) -> Float[Array, "unknowns"]:
+    """The solution of a symmetric positive definite system; overwrites both."""
+    from scipy.linalg.lapack import dposv
+
+    _, solution, failed = dposv(matrix, right, lower=True, overwrite_a=True)
+    return solution if failed == 0 else np.zeros_like(right)
+
+
+def _lengths(step: Float[Array, "*frames unknowns"]) -> Float[Array, "*frames unknowns"]:
+    """For every unknown the length of the vector of three that it belongs to."""
+    vectors = step.reshape(*step.shape[:-1], -1, 3)
+    return np.repeat(np.linalg.norm(vectors, axis=-1), 3, axis=-1)
+
+
+def _differences(frames: int, known: int) -> tuple[Float[Array, "_ both"], Float[Array, "_ both"]]:
+    """Matrices of second and first differences over the known frames and those to be solved, without rows that only see
+    known frames."""
+    whole = np.eye(frames + known)
+    first, second = np.diff(whole, axis=0), np.diff(whole, n=2, axis=0)
+    return second[max(known - 2, 0) :], first[max(known - 1, 0) :]

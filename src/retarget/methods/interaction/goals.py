@@ -1,0 +1,273 @@
+"""What the target should do on every frame: the source's contacts on its own skin, and what stays as it was copied."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from retarget.body.kinematics import world_pose
+from retarget.character import Motion
+from retarget.contact.carried import CarriedVertices
+from retarget.contact.contact_edits import added_contacts, apply_edits
+from retarget.contact.contact_file import ContactEdits
+from retarget.contact.detect import ContactDetector, Contacts
+from retarget.contact.ground import intervals
+from retarget.contact.sensors import SensorSkinner
+from retarget.contact.support import support_points
+
+if TYPE_CHECKING:
+    from retarget.methods.interaction.equations import PoseEquations
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class FrameGoals:
+    """The goals of one frame."""
+
+    first: Int[Array, "contacts corners"]
+    """What touches: a point between these vertices of the target."""
+    first_shares: Float[Array, "contacts corners"]
+    second: Int[Array, "contacts others"]
+    """What is touched, likewise."""
+    second_shares: Float[Array, "contacts others"]
+    faces: Int[Array, "contacts 3"]
+    """Corners of the face whose normal is the contact's."""
+    gap: Float[Array, "contacts"]
+    """How far apart along it, metres."""
+    weight: Float[Array, "contacts"]
+    sunk: Int[Array, "sunk"]
+    """Vertices that may stay inside other parts, because the source's are."""
+    depth: Float[Array, "sunk"]
+    """How deep, metres."""
+    near: tuple[Int[Array, "pairs"], Int[Array, "pairs"]]
+    """Pairs of sensors that are near each other on the source."""
+    apart: Float[Array, "pairs"]
+    """How far apart they should be, metres."""
+    closeness: Float[Array, "pairs"]
+    """What each pair weighs."""
+    support: Float[Array, "points 3"]
+    """Where heels, balls and palms are copied to, metres."""
+    resting: Bool[Array, "points"]
+    """Which of them rest on the ground."""
+    effectors: Float[Array, "effectors 4"]
+    """World rotations of the end effectors as copied."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRows:
+    """Contacts of many frames on the target's skin, in the order of the frames; fields as in `FrameGoals`."""
+
+    bounds: Int[Array, "_"]
+    """First row of each frame, and the end."""
+    first: Int[Array, "rows corners"]
+    first_shares: Float[Array, "rows corners"]
+    second: Int[Array, "rows others"]
+    second_shares: Float[Array, "rows others"]
+    faces: Int[Array, "rows 3"]
+    gap: Float[Array, "rows"]
+    weight: Float[Array, "rows"]
+
+
+@dataclass(frozen=True, eq=False)
+class SunkRows:
+    """Vertices of the target that the source has inside other parts, in the order of the frames."""
+
+    bounds: Int[Array, "_"]
+    """First row of each frame, and the end."""
+    vertex: Int[Array, "rows"]
+    depth: Float[Array, "rows"]
+    """Metres, on the target."""
+
+
+@dataclass(frozen=True, eq=False)
+class NearRows:
+    """Pairs of sensors that are near each other on the source, in the order of the frames; fields as in `FrameGoals`."""
+
+    bounds: Int[Array, "_"]
+    first: Int[Array, "rows"]
+    second: Int[Array, "rows"]
+    apart: Float[Array, "rows"]
+    closeness: Float[Array, "rows"]
+
+
+@dataclass(frozen=True, eq=False)
+class ClipGoals:
+    """The goals of a clip."""
+
+    contacts: ContactRows
+    sunk: SunkRows
+    near: NearRows
+    support: Float[Array, "frames points 3"]
+    resting: Bool[Array, "frames points"]
+    effectors: Float[Array, "frames effectors 4"]
+
+    def frame(self, number: int) -> FrameGoals:
+        """The goals of one frame."""
+        rows = slice(self.contacts.bounds[number], self.contacts.bounds[number + 1])
+        sunk = slice(self.sunk.bounds[number], self.sunk.bounds[number + 1])
+        near = slice(self.near.bounds[number], self.near.bounds[number + 1])
+        own = self.contacts
+        return FrameGoals(
+            own.first[rows], own.first_shares[rows], own.second[rows], own.second_shares[rows], own.faces[rows],
+            own.gap[rows], own.weight[rows], self.sunk.vertex[sunk], self.sunk.depth[sunk],
+            (self.near.first[near], self.near.second[near]), self.near.apart[near], self.near.closeness[near],
+            self.support[number], self.resting[number], self.effectors[number],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class GoalMaker:
+    """Finds the goals of a matched pair of bodies."""
+
+    detector: ContactDetector
+    """Of who performs: the source, or the body that stands in for it."""
+    carried: CarriedVertices
+    """The performer's vertices on the target."""
+    back: CarriedVertices | None
+    """The target's vertices on the performer; None where they are the same, or depth is not carried."""
+    may_sink: bool
+    """Whether the target may be inside itself as far as the performer is."""
+    sensors: SensorSkinner
+    """The performer's."""
+    pairs: tuple[Int[Array, "pairs"], Int[Array, "pairs"]]
+    """Pairs of sensors whose distance is looked at."""
+    radii: tuple[float, float]
+    """Arm radius of performer and target, metres."""
+    size: float
+    """Height of the target over the performer's."""
+    edits: ContactEdits
+
+    def clip(
+        self, performed: Motion, copied: Motion, equations: PoseEquations, touching: Bool[Array, "frames points"] | None
+    ) -> tuple[Contacts, ClipGoals]:
+        """The goals of a clip, and the contacts that were found. A contact's pull grows over `RAMP` seconds after it began,
+        and fades before it ends. `touching` are the ground contacts of the target's support points, where known."""
+        pose, fps, frames = world_pose(performed), performed.fps, len(performed)
+        contacts = self.detector.clip(*pose, fps)
+        tracks, track = contacts.tracks, contacts.track
+        closeness = self._closeness(contacts, 2.0)
+        since, until = contacts.frame - tracks.start[track] + 1, tracks.stop[track] - contacts.frame
+        ramp = np.clip(np.minimum(since, until) / max(RAMP * fps, 1.0), 0.0, 1.0)
+        weight = apply_edits(contacts, self.edits, fps) * closeness * ramp
+        rows = [contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(contacts), weight]
+        added = added_contacts(self.edits, self.detector, *pose, fps)
+        if len(added.frame):
+            fade = _fade(added.frame, frames, RAMP * fps)
+            more = (added.frame, added.vertex, added.face, added.barycentric, added.gap * self.size, fade * added.weight)
+            order = np.argsort(np.concatenate([rows[0], more[0]]), kind="stable")
+            rows = [np.concatenate(pair)[order] for pair in zip(rows, more)]
+        near = near_rows(self.sensors.pose(*pose)[0], self.pairs, 2.0 * self.radii[0], self.radii[1] / self.radii[0])
+        goals = self._goals(self._rows(frames, *rows), self._sunk(contacts, frames), near, copied, equations, touching)
+        return contacts, goals
+
+    def online(self, performed: Motion, copied: Motion, equations: PoseEquations) -> ClipGoals:
+        """The goals of one frame, without past or future: a contact pulls the more the closer it is, and not at all at the
+        threshold, so that none comes or goes at once."""
+        pose = world_pose(performed)
+        contacts = self.detector.clip(*pose, performed.fps)
+        closeness = self._closeness(contacts, 1.0)
+        weight = apply_edits(contacts, self.edits, performed.fps) * closeness
+        rows = self._rows(
+            1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(contacts), weight
+        )
+        near = near_rows(self.sensors.pose(*pose)[0], self.pairs, 2.0 * self.radii[0], self.radii[1] / self.radii[0])
+        return self._goals(rows, self._sunk(contacts, 1), near, copied, equations, None)
+
+    def _goals(self, rows, sunk, near, copied: Motion, equations: PoseEquations, touching) -> ClipGoals:
+        rotations, positions = world_pose(copied)
+        support = np.concatenate(support_points(equations.limbs, rotations, positions), axis=1)
+        resting = np.zeros(support.shape[:2], dtype=bool) if touching is None else touching
+        return ClipGoals(
+            rows, sunk, near, support, resting, np.ascontiguousarray(rotations[:, equations.effectors])
+        )
+
+    def _closeness(self, contacts: Contacts, reach: float) -> Float[Array, "rows"]:
+        """From 1 where surfaces touch to 0 at `reach` thresholds. What a performer has that deep inside itself is no contact;
+        what a body that stands in has is one, as its girth is not the performer's."""
+        away = np.abs(contacts.distance) if self.may_sink else np.maximum(contacts.distance, 0.0)
+        return np.clip(1.0 - away / (reach * self.detector.threshold), 0.0, 1.0) ** 2
+
+    def _gap(self, contacts: Contacts) -> Float[Array, "rows"]:
+        """How far apart touching points should be on the target: in radii of the arm, but never farther for its size."""
+        return np.maximum(contacts.distance, 0.0) * min(self.size, self.radii[1] / self.radii[0])
+
+    def _rows(
+        self,
+        frames: int,
+        frame: Int[Array, "rows"],
+        vertex: Int[Array, "rows"],
+        face: Int[Array, "rows"],
+        shares: Float[Array, "rows 3"],
+        gap: Float[Array, "rows"],
+        weight: Float[Array, "rows"],
+    ) -> ContactRows:
+        """Contacts of the performer, a vertex at a point of a face each, on the target's skin. Rows come by frame; those
+        without weight, or with a place that the target has none for, are left out."""
+        corners = self.detector.skinner.character.mesh.faces[face]
+        kept = np.flatnonzero((weight > 0) & self.carried.trusted(vertex) & self.carried.trusted(corners).all(axis=1))
+        first, first_shares = self.carried.points(vertex[kept, None], np.ones((len(kept), 1)))
+        second, second_shares = self.carried.points(corners[kept], shares[kept])
+        main = shares[kept].argmax(axis=1) if second.shape[1] > 3 else np.zeros(len(kept), dtype=np.int64)
+        faces = np.take_along_axis(second.reshape(len(kept), second.shape[1] // 3, 3), main[:, None, None], axis=1)[:, 0]
+        return ContactRows(
+            np.searchsorted(frame[kept], np.arange(frames + 1)), first, first_shares, second, second_shares,
+            np.ascontiguousarray(faces), gap[kept], weight[kept],
+        )  # fmt: skip
+
+    def _sunk(self, contacts: Contacts, frames: int) -> SunkRows:
+        """Where the performer is inside itself, on the target."""
+        rows = np.flatnonzero(contacts.distance < 0) if self.may_sink else np.zeros(0, dtype=np.int64)
+        order = np.lexsort((-contacts.distance[rows], contacts.vertex[rows], contacts.frame[rows]))
+        rows = rows[order]  # the deepest part of a vertex comes last, and counts
+        frame, vertex, depth = contacts.frame[rows], contacts.vertex[rows], -contacts.distance[rows] * self.size
+        if self.back is None:
+            return SunkRows(np.searchsorted(frame, np.arange(frames + 1)), vertex, depth)
+        nearest, trusted = self.back.nearest(), self.back.trusted(np.arange(len(self.back.by_sensors.faces)))
+        found = []
+        deep = np.zeros(len(self.detector.skinner.character.mesh.vertices))
+        for number in np.unique(frame):
+            own = frame == number
+            deep[:] = 0.0
+            deep[vertex[own]] = depth[own]
+            here = np.flatnonzero(trusted & (deep[nearest] > 0))
+            found.append((np.full(len(here), number), here, deep[nearest[here]]))
+        empty = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
+        frame, vertex, depth = (np.concatenate(column) for column in zip(empty, *found))
+        return SunkRows(np.searchsorted(frame, np.arange(frames + 1)), vertex, depth)
+
+
+RAMP = 0.13
+"""Seconds over which a contact's pull grows after it began and fades before it ends."""
+
+
+def _fade(frame: Int[Array, "rows"], frames: int, ramp: float) -> Float[Array, "rows"]:
+    """From 0 to 1 at the start of every stretch of frames that have rows, and back at its end; at the clip's ends none."""
+    share = np.zeros(frames)
+    present = np.bincount(frame, minlength=frames) > 0
+    for start, stop in intervals(present):
+        place = np.arange(start, stop)
+        since = np.inf if start == 0 else place - start + 1
+        until = np.inf if stop == frames else stop - place
+        share[start:stop] = np.clip(np.minimum(since, until) / max(ramp, 1.0), 0.0, 1.0)
+    return share[frame]
+
+
+def near_rows(
+    places: Float[Array, "frames sensors 3"],
+    pairs: tuple[Int[Array, "pairs"], Int[Array, "pairs"]],
+    reach: float,
+    ratio: float,
+) -> NearRows:
+    """Pairs of the source's sensors within `reach` metres of each other; on the target they should be as far apart by the
+    `ratio`. A pair weighs less the farther it is, and nothing at the reach, so that none comes or goes at once."""
+    distance = np.linalg.norm(places[:, pairs[0]] - places[:, pairs[1]], axis=-1)
+    frame, pair = np.nonzero(distance < reach)
+    own = distance[frame, pair].astype(np.float64)
+    return NearRows(
+        np.searchsorted(frame, np.arange(len(places) + 1)), pairs[0][pair], pairs[1][pair], ratio * own,
+        (1.0 - own / reach) ** 2,
+    )  # fmt: skip

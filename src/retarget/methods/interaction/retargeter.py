@@ -1,0 +1,146 @@
+"""Clips and single poses through the interaction solver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from retarget.body import rotations as rot
+from retarget.body.kinematics import local_positions, world_pose
+from retarget.character import Motion, Pose
+from retarget.methods.base import Result, Retargeter
+from retarget.methods.interaction.equations import PoseEquations
+from retarget.methods.interaction.goals import ClipGoals, GoalMaker
+from retarget.methods.interaction.report import corrections, remaining
+from retarget.methods.interaction.solve import COLD, ROUNDS, STEADY, TOGETHER, Solver
+from retarget.motion.copy_clip import Copier
+from retarget.motion.stand_in import StandIn
+
+Array = np.ndarray
+
+KEY = 0.2
+"""Seconds between the frames that are solved one after the other before the clip is solved as a whole."""
+RATE = 30.0
+"""Frames a second that are solved, about; those between follow smoothly."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedInteraction(Retargeter):
+    """A matched pair of bodies."""
+
+    copier: Copier
+    stand_in: StandIn | None
+    """The body whose surface is looked at, where the source has none."""
+    goals: GoalMaker
+    solver: Solver
+    causal: bool
+    before: list[Float[Array, "unknowns"]] = field(default_factory=list)
+    """The correction of the last online frame."""
+
+    def __call__(self, motion: Motion) -> Result:
+        """Retarget a clip. Raises `RetargetError` as `Copier.clip` does."""
+        if self.causal:
+            return self._causal(motion)
+        copied = self.copier.clip(motion)
+        stride = max(1, round(motion.fps / RATE))
+        chosen = np.unique(np.append(np.arange(0, len(motion), stride), len(motion) - 1))
+        frames, fps = _frames(copied.motion, chosen), motion.fps / stride
+        touching = None if copied.contacts is None else copied.contacts.touching[chosen]
+        performed = self.stand_in.motion(motion) if self.stand_in else motion
+        found, goals = self.goals.clip(replace(_frames(performed, chosen), fps=fps), frames, self.solver.equations, touching)
+        x = self._solve(frames, goals, fps)
+        stats = copied.stats | {
+            "contacts_of_the_source": len(found.tracks.vertex),
+            **corrections(self.solver.equations, x, chosen / motion.fps),
+        }
+        status, left = remaining(self.solver.equations, frames, goals, x, chosen / motion.fps)
+        stats |= left
+        if self.stand_in:
+            stats["stand_in"] = list(self.stand_in.notes)
+        if len(chosen) < len(motion):
+            x = _between(x, chosen, len(motion))
+        return Result(self.copier.target, corrected(self.solver.equations, copied.motion, x), status, stats)
+
+    def step(self, pose: Pose) -> Pose:
+        """The next pose online, on top of the copied one; starts where the last frame's solution was. Needs no later
+        frame: a contact's pull follows how close the source's surfaces are."""
+        result, x = self._next(pose, self.before[0] if self.before else None)
+        self.before[:] = [x]
+        return result
+
+    def _next(self, pose: Pose, before: Float[Array, "unknowns"] | None) -> tuple[Pose, Float[Array, "unknowns"]]:
+        copied, equations = self.copier.step(pose), self.solver.equations
+        frame = _one(copied, self.copier.target.skeleton)
+        performed = self.stand_in.pose(pose) if self.stand_in else pose
+        performer = self.stand_in.actor if self.stand_in else self.copier.source
+        goals = self.goals.online(_one(performed, performer.skeleton), frame, equations)
+        offsets = local_positions(frame.skeleton, frame.translations, frame.moved)[0]
+        rounds, start = (COLD, np.zeros(equations.size)) if before is None else (ROUNDS, before)
+        x = self.solver.follow(copied.rotations, offsets, goals.frame(0), start, rounds, STEADY)
+        return corrected(equations, frame, x[None]).pose(0), x
+
+    def _causal(self, motion: Motion) -> Result:
+        """A clip frame by frame."""
+        poses, x = [], None
+        for number in range(len(motion)):
+            pose, x = self._next(motion.pose(number), x)
+            poses.append(pose)
+        made = Motion(
+            self.copier.target.skeleton,
+            rot.continuous(np.stack([pose.rotations for pose in poses])),
+            np.stack([pose.translations for pose in poses]),
+            motion.fps, poses[0].moved, motion.name,
+        )  # fmt: skip
+        return Result(self.copier.target, made, stats={"scale": self.copier.plan.scale})
+
+    def _solve(self, copied: Motion, goals: ClipGoals, fps: float) -> Float[Array, "frames unknowns"]:
+        """Frames `KEY` apart one after the other, the rest between them, then all as one problem."""
+        equations, count = self.solver.equations, len(copied)
+        offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
+        keys = np.unique(np.append(np.arange(0, count, max(1, round(KEY * fps))), count - 1))
+        at_keys, x = [], np.zeros(equations.size)
+        for number, frame in enumerate(keys):
+            rounds, steady = (ROUNDS, STEADY / (KEY * RATE)) if number else (COLD, 0.0)
+            x = self.solver.follow(copied.rotations[frame], offsets[frame], goals.frame(frame), x, rounds, steady)
+            at_keys.append(x)
+        x = np.stack([np.interp(np.arange(count), keys, column) for column in np.array(at_keys).T], axis=1)
+        for _ in range(TOGETHER):
+            found = [
+                equations.linearise(copied.rotations[f], offsets[f], goals.frame(f), x[f]) for f in range(count)
+            ]
+            x = self.solver.together(x, found, fps)
+        return x
+
+
+def corrected(equations: PoseEquations, copied: Motion, x: Float[Array, "frames unknowns"]) -> Motion:
+    """The copied motion with corrections on top."""
+    rotations, translations = copied.rotations.copy(), copied.translations.copy()
+    turning, hips = equations.levers.turning, equations.hips
+    turns = x[:, :-3].reshape(len(x), -1, 3)
+    rotations[:, turning] = rot.multiply(rotations[:, turning], rot.from_rotation_vector(turns))
+    shift = x[:, -3:]
+    if hips != 0:
+        shift = rot.rotate(rot.inverse(world_pose(copied)[0][:, copied.skeleton.parents[hips]]), shift)
+    translations[:, copied.moved.index(hips)] += shift
+    return replace(copied, rotations=rotations, translations=translations)
+
+
+def _frames(motion: Motion, chosen: Sequence[int]) -> Motion:
+    return replace(motion, rotations=motion.rotations[chosen], translations=motion.translations[chosen])
+
+
+def _one(pose: Pose, skeleton) -> Motion:
+    """A pose as a motion of one frame."""
+    return Motion(skeleton, pose.rotations[None], pose.translations[None], RATE, pose.moved)
+
+
+def _between(x: Float[Array, "chosen unknowns"], chosen: Array, frames: int) -> Float[Array, "frames unknowns"]:
+    """The corrections of frames between those that were solved: splines."""
+    if len(chosen) < 2:
+        return np.repeat(x, frames, axis=0)
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(chosen, x)(np.arange(frames))
