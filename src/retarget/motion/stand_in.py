@@ -12,15 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from retarget.body import rotations as rot
 from retarget.body.human import HEIGHT, human
-from retarget.body.kinematics import rest_pose
+from retarget.body.kinematics import forward, local_positions, local_rotations, rest_pose, world_pose
 from retarget.body.skinning import rest_vertices
 from retarget.character import Character, Motion, Pose
+from retarget.contact.support import leg_length
 from retarget.correspond.joints import humanoid_from_names
 from retarget.errors import RetargetError
 from retarget.io.asset import Convention
-from retarget.motion.align import Actor, make_actor
-from retarget.motion.copy_clip import Copier, CopySettings, prepare_copier
+from retarget.motion.align import Actor, make_actor, same_skeleton
+from retarget.motion.copy import CopyPlan, copy_rotations, plan_copy, positions_of
 
 Array = np.ndarray
 
@@ -29,9 +31,17 @@ BUILD = {"gender": 0.5, "weight": 0.4}
 too heavy a one invents them; the middle does least harm."""
 STRETCH = (0.6, 1.7)
 """Bones are stretched within these bounds; beyond, the source is no human and its stand-in gives way."""
+PINNED = ("head", "leftUpperArm", "leftUpperLeg", "rightUpperArm", "rightUpperLeg")
+"""Joints put where the source's are on every frame, so that spines of other joint counts and leaning hip sockets move no
+hand. In the order of the embedded skeleton."""
+SLACK = 0.06
+"""Of the body's height: how far a pinned joint may leave its place in the stand-in, whose skin is pulled along."""
+LEAST_BONE = 1e-4
+"""Of the body's height: a shorter bone is no bone and keeps the human's length."""
 BONES: dict[str, tuple[str, str]] = {
     **{f"{side}{joint}": (f"{side}{joint}", f"{side}{child}") for side in ("left", "right") for joint, child in (
-        ("UpperArm", "LowerArm"), ("LowerArm", "Hand"), ("UpperLeg", "LowerLeg"), ("LowerLeg", "Foot"))},
+        ("UpperArm", "LowerArm"), ("LowerArm", "Hand"), ("UpperLeg", "LowerLeg"), ("LowerLeg", "Foot"),
+        ("Hand", "MiddleProximal"), ("Foot", "Toes"))},
     "neck": ("neck", "head"),
 }  # fmt: skip
 """Bones whose length the source gives, by the joint that carries them."""
@@ -47,33 +57,80 @@ class StandIn:
     """What was chosen."""
     bone_error: float
     """Mean relative difference of the limbs' lengths that is left; 0 where all agree."""
-    copier: Copier
+    source: Actor
+    plan: CopyPlan
 
     def motion(self, motion: Motion) -> Motion:
-        """A motion of the source on the stand-in: the same frames and rate. Raises `RetargetError` as `Copier.clip`."""
-        return self.copier.clip(motion).motion
+        """A motion of the source on the stand-in: the same frames and rate, joints where the source's are.
+
+        Raises `RetargetError` for a motion of another skeleton.
+        """
+        if not same_skeleton(motion.skeleton, self.source.skeleton):
+            raise RetargetError("the motion belongs to another skeleton than the one the stand-in was fitted to")
+        rotations, translations, moved = self._moved(*world_pose(motion))
+        return Motion(self.actor.skeleton, rot.continuous(rotations), translations, motion.fps, moved, motion.name)
 
     def pose(self, pose: Pose) -> Pose:
-        """The same for one pose, online."""
-        return self.copier.step(pose)
+        """The same for one pose, online. Raises `RetargetError` for a pose of another skeleton."""
+        skeleton = self.source.skeleton
+        if len(pose.rotations) != len(skeleton) or max(pose.moved) >= len(skeleton):
+            raise RetargetError(f"the pose has {len(pose.rotations)} joints, the source {len(skeleton)}")
+        local = local_positions(skeleton, pose.translations[None], pose.moved)
+        rotations, translations, moved = self._moved(*forward(skeleton.parents, pose.rotations[None], local))
+        return Pose(rotations[0], translations[0], moved)
+
+    def _moved(
+        self, rotations: Float[Array, "frames joints 4"], positions: Float[Array, "frames joints 3"]
+    ) -> tuple[Float[Array, "frames targets 4"], Float[Array, "frames moved 3"], tuple[int, ...]]:
+        """Local rotations, and places of the hips and the pinned joints, from the source's world pose."""
+        skeleton = self.actor.skeleton
+        world = copy_rotations(self.plan, rotations)
+        placed = positions_of(skeleton, world, 0, np.zeros((len(world), 3)))
+        sockets = positions[:, self.plan.source_sockets].mean(axis=1)
+        hips = sockets - placed[:, self.plan.target_sockets].mean(axis=1)
+        placed = placed + hips[:, None]
+        places = {0: hips}
+        for name in PINNED:
+            joint = skeleton.index(name)
+            above = skeleton.parents[joint]
+            away = positions[:, self.source.humanoid.joints[name]] - placed[:, joint]
+            length = np.linalg.norm(away, axis=1, keepdims=True)
+            away = away * np.minimum(1.0, SLACK * self.actor.height / np.maximum(length, 1e-12))
+            places[joint] = skeleton.offsets[joint] + rot.rotate(rot.inverse(world[:, above]), away)
+        moved = tuple(sorted(places))
+        translations = np.stack([places[joint] for joint in moved], axis=1)
+        return local_rotations(skeleton.parents, world), translations, moved
 
 
 def fit_stand_in(source: Actor) -> StandIn:
-    """Fit the embedded human to a source. Raises `RetargetError` for a skeleton without height."""
+    """Fit the embedded human to a source, whatever its proportions.
+
+    Raises `RetargetError` for a skeleton without height, legs or trunk.
+    """
     if not 0.0 < source.height < np.inf:
-        raise RetargetError("no body can stand in for a skeleton without height")
+        raise RetargetError(f"no body can stand in for a skeleton of height {source.height:g} m")
+    if not leg_length(source.skeleton, source.humanoid) > LEAST_BONE * source.height:
+        raise RetargetError("no body can stand in for a skeleton whose legs have no length")
     base = human(**BUILD, height=float(np.clip(source.height, *HEIGHT)), name="stand-in")
     body, wanted, reached = _fitted(base, source)
-    names = {name: name for name in body.skeleton.names}
-    humanoid = humanoid_from_names(body.skeleton, names)
+    if not np.isfinite(body.mesh.vertices).all():
+        raise RetargetError("no body can stand in for the source: its joints have no finite places")
+    humanoid = humanoid_from_names(body.skeleton, {name: name for name in body.skeleton.names})
     actor = make_actor(body, humanoid, Convention(1.0, "+y"), up="+y", unit=1.0, rest_surface=rest_vertices(body))
-    error = float(np.mean([abs(reached[name] / wanted[name] - 1.0) for name in wanted])) if wanted else 0.0
+    apart = {name: abs(reached[name] / wanted[name] - 1.0) for name in wanted}
+    error = float(np.mean(list(apart.values()))) if apart else 0.0
+    return StandIn(actor, (_note(actor, apart, error),), error, source, plan_copy(source, actor, 0.0, 0.0))
+
+
+def _note(actor: Actor, apart: dict[str, float], error: float) -> str:
+    """What was chosen, in a line."""
+    build = ", ".join(f"{name} {value:g}" for name, value in BUILD.items())
     note = (
-        f"the source has no surface: an embedded human of {actor.height:.2f} m and plain build stands in for it; limbs agree "
-        f"to {100 * error:.1f} %"
+        f"the source has no surface: an embedded human of {actor.height:.2f} m ({build}) stands in for it; its bones "
+        f"agree to {100 * error:.1f} %"
     )
-    copier = prepare_copier(CopySettings(foot_lock=False, steady=False, limits=False), source, actor)
-    return StandIn(actor, (note,), error, copier)
+    short = [name for name, value in apart.items() if value > 0.01]
+    return f"{note}; beyond what a human stretches to: {', '.join(short)}" if short else note
 
 
 def _fitted(base: Character, source: Actor) -> tuple[Character, dict[str, float], dict[str, float]]:
@@ -89,7 +146,8 @@ def _fitted(base: Character, source: Actor) -> tuple[Character, dict[str, float]
         own = float(np.linalg.norm(here[second] - here[first]))
         if first not in there or second not in there or own <= 0:
             return 1.0
-        return float(np.clip(np.linalg.norm(there[second] - there[first]) / own, *STRETCH))
+        length = np.linalg.norm(there[second] - there[first])
+        return float(np.clip(length / own, *STRETCH)) if length > LEAST_BONE * source.height else 1.0
 
     stretch = np.ones(len(skeleton))
     axis = np.zeros((len(skeleton), 3))
@@ -108,6 +166,13 @@ def _fitted(base: Character, source: Actor) -> tuple[Character, dict[str, float]
     scale |= {f"{side}Shoulder": np.array([shoulders, trunk, 1.0]) for side in ("left", "right")}
     scale |= {f"{side}UpperArm": np.array([shoulders, trunk, 1.0]) for side in ("left", "right")}
     scale |= {f"{side}UpperLeg": np.array([hips, 1.0, 1.0]) for side in ("left", "right")}
+    grown = np.ones(len(skeleton))  # hands and feet grow in all directions, with all that hangs on them
+    for joint, name in enumerate(skeleton.names):
+        above = int(skeleton.parents[joint])
+        if name.endswith(("Hand", "Foot")):
+            grown[joint], stretch[joint] = stretch[joint], 1.0
+        elif above >= 0:
+            grown[joint] = grown[above]
     offsets = skeleton.offsets.copy()
     for joint in range(1, len(skeleton)):
         name, above = skeleton.names[joint], int(skeleton.parents[joint])
@@ -115,11 +180,14 @@ def _fitted(base: Character, source: Actor) -> tuple[Character, dict[str, float]
             offsets[joint] *= scale[name]
         elif stretch[above] != 1.0:
             offsets[joint] = _along(axis[above], stretch[above]) @ offsets[joint]
-    moved = replace(skeleton, offsets=offsets, end_offsets=skeleton.end_offsets)
+        else:
+            offsets[joint] *= grown[above]
+    ends = {joint: end * grown[joint] for joint, end in (skeleton.end_offsets or {}).items()}
+    moved = replace(skeleton, offsets=offsets, end_offsets=ends)
     _, goals = rest_pose(moved)
     maps = np.empty((len(skeleton), 3, 3))
     for joint, name in enumerate(skeleton.names):
-        maps[joint] = _along(axis[joint], stretch[joint]) if stretch[joint] != 1.0 else np.eye(3)
+        maps[joint] = _along(axis[joint], stretch[joint]) if stretch[joint] != 1.0 else grown[joint] * np.eye(3)
     for name in ("spine", "chest", "upperChest"):
         maps[skeleton.index(name)] = np.diag([1.0 + 0.5 * (shoulders - 1.0), trunk, 1.0])
     maps[skeleton.index("hips")] = np.diag([hips, 1.0, 1.0])
@@ -143,7 +211,7 @@ def _fitted(base: Character, source: Actor) -> tuple[Character, dict[str, float]
     for name, (first, second) in BONES.items():
         if first in there and second in there:
             length = float(np.linalg.norm(there[second] - there[first]))
-            if length > 0:
+            if length > LEAST_BONE * source.height:
                 wanted[name] = length
                 reached[name] = float(np.linalg.norm(at[skeleton.index(second)] - at[skeleton.index(first)]))
     return body, wanted, reached
