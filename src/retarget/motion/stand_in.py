@@ -1,6 +1,6 @@
 """A body that stands in for a source without a surface: the embedded human, fitted to its skeleton.
 
-Motion capture comes as bare joints, but what touches what is a matter of surfaces. So a human of plain build is made as tall
+Motion capture comes as bare joints, but what touches what is a matter of surfaces. So a human of slim build is made as tall
 as the source, its joints are moved to where the source's bones want them, and its skin is stretched along. Which hand
 touched which hip then shows, up to the girth of the performer, which no skeleton tells. Ours.
 """
@@ -26,9 +26,10 @@ from retarget.motion.copy import CopyPlan, copy_rotations, plan_copy, positions_
 
 Array = np.ndarray
 
-BUILD = {"gender": 0.5, "weight": 0.4}
-"""Of the human: between man and woman, a little lighter than average, as performers are. Too light a body misses contacts,
-too heavy a one invents them; the middle does least harm."""
+BUILD = {"gender": 0.5, "weight": 0.2}
+"""Of the human: between man and woman, and slim, as performers are. On the skeletons of a thin, a female and a muscular
+body with their hands on hips, on the belly and arms crossed, a weight of 0.4 invents up to 28 % of the contacts, 0.1
+misses up to 12 %; at 0.2 both stay below 16 %."""
 STRETCH = (0.6, 1.7)
 """Bones are stretched within these bounds; beyond, the source is no human and its stand-in gives way."""
 PINNED = ("head", "leftUpperArm", "leftUpperLeg", "rightUpperArm", "rightUpperLeg")
