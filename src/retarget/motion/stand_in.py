@@ -30,20 +30,23 @@ BUILD = {"gender": 0.5, "weight": 0.2}
 """Of the human: between man and woman, and slim, as performers are. On the skeletons of a thin, a female and a muscular
 body with their hands on hips, on the belly and arms crossed, a weight of 0.4 invents up to 28 % of the contacts, 0.1
 misses up to 12 %; at 0.2 both stay below 16 %."""
+AGE = ((0.8, 1.2, 1.5), (0.02, 0.12, 0.5))
+"""Heights in metres, and the human's `age` there: a small skeleton is a child's."""
 STRETCH = (0.6, 1.7)
 """Bones are stretched within these bounds; beyond, the source is no human and its stand-in gives way."""
 PINNED = ("head", "leftUpperArm", "leftUpperLeg", "rightUpperArm", "rightUpperLeg")
 """Joints put where the source's are on every frame, so that spines of other joint counts and leaning hip sockets move no
 hand. In the order of the embedded skeleton."""
+SPINE = ("spine", "chest", "upperChest")
+"""Joints that first carry the shoulders' middle to the source's, a third of the way each."""
 SLACK = 0.06
-"""Of the body's height: how far a pinned joint may leave its place in the stand-in, whose skin is pulled along."""
+"""Of the body's height: how far a pinned joint, or the shoulders' middle, may leave its place in the stand-in, whose skin is pulled along."""
 LEAST_BONE = 1e-4
 """Of the body's height: a shorter bone is no bone and keeps the human's length."""
 BONES: dict[str, tuple[str, str]] = {
     **{f"{side}{joint}": (f"{side}{joint}", f"{side}{child}") for side in ("left", "right") for joint, child in (
         ("UpperArm", "LowerArm"), ("LowerArm", "Hand"), ("UpperLeg", "LowerLeg"), ("LowerLeg", "Foot"),
         ("Hand", "MiddleProximal"), ("Foot", "Toes"))},
-    "neck": ("neck", "head"),
 }  # fmt: skip
 """Bones whose length the source gives, by the joint that carries them."""
 
@@ -91,16 +94,26 @@ class StandIn:
         hips = sockets - placed[:, self.plan.target_sockets].mean(axis=1)
         placed = placed + hips[:, None]
         places = {0: hips}
+
+        def pull(joint: int, away: Float[Array, "frames 3"]) -> None:
+            turned = rot.rotate(rot.inverse(world[:, skeleton.parents[joint]]), away)
+            places[joint] = skeleton.offsets[joint] + turned
+
+        joints = {name: skeleton.index(name) for name in (*SPINE, *PINNED)}
+        away = {name: positions[:, self.source.humanoid.joints[name]] - placed[:, joints[name]] for name in PINNED}
+        upper = self._bounded((away["leftUpperArm"] + away["rightUpperArm"]) / 2)
+        for name in SPINE:
+            pull(joints[name], upper / len(SPINE))
         for name in PINNED:
-            joint = skeleton.index(name)
-            above = skeleton.parents[joint]
-            away = positions[:, self.source.humanoid.joints[name]] - placed[:, joint]
-            length = np.linalg.norm(away, axis=1, keepdims=True)
-            away = away * np.minimum(1.0, SLACK * self.actor.height / np.maximum(length, 1e-12))
-            places[joint] = skeleton.offsets[joint] + rot.rotate(rot.inverse(world[:, above]), away)
+            pull(joints[name], self._bounded(away[name] if name.endswith("Leg") else away[name] - upper))
         moved = tuple(sorted(places))
         translations = np.stack([places[joint] for joint in moved], axis=1)
         return local_rotations(skeleton.parents, world), translations, moved
+
+    def _bounded(self, away: Float[Array, "frames 3"]) -> Float[Array, "frames 3"]:
+        """Ways no longer than `SLACK` allows."""
+        length = np.linalg.norm(away, axis=1, keepdims=True)
+        return away * np.minimum(1.0, SLACK * self.actor.height / np.maximum(length, 1e-12))
 
 
 def fit_stand_in(source: Actor) -> StandIn:
@@ -112,7 +125,8 @@ def fit_stand_in(source: Actor) -> StandIn:
         raise RetargetError(f"no body can stand in for a skeleton of height {source.height:g} m")
     if not leg_length(source.skeleton, source.humanoid) > LEAST_BONE * source.height:
         raise RetargetError("no body can stand in for a skeleton whose legs have no length")
-    base = human(**BUILD, height=float(np.clip(source.height, *HEIGHT)), name="stand-in")
+    age = float(np.interp(source.height, *AGE))
+    base = human(**BUILD, age=age, height=float(np.clip(source.height, *HEIGHT)), name="stand-in")
     body, wanted, reached = _fitted(base, source)
     if not np.isfinite(body.mesh.vertices).all():
         raise RetargetError("no body can stand in for the source: its joints have no finite places")
@@ -120,12 +134,12 @@ def fit_stand_in(source: Actor) -> StandIn:
     actor = make_actor(body, humanoid, Convention(1.0, "+y"), up="+y", unit=1.0, rest_surface=rest_vertices(body))
     apart = {name: abs(reached[name] / wanted[name] - 1.0) for name in wanted}
     error = float(np.mean(list(apart.values()))) if apart else 0.0
-    return StandIn(actor, (_note(actor, apart, error),), error, source, plan_copy(source, actor, 0.0, 0.0))
+    return StandIn(actor, (_note(actor, age, apart, error),), error, source, plan_copy(source, actor, 0.0, 0.0))
 
 
-def _note(actor: Actor, apart: dict[str, float], error: float) -> str:
+def _note(actor: Actor, age: float, apart: dict[str, float], error: float) -> str:
     """What was chosen, in a line."""
-    build = ", ".join(f"{name} {value:g}" for name, value in BUILD.items())
+    build = ", ".join(f"{name} {value:g}" for name, value in (BUILD | {"age": age}).items())
     note = (
         f"the source has no surface: an embedded human of {actor.height:.2f} m ({build}) stands in for it; its bones "
         f"agree to {100 * error:.1f} %"
@@ -159,10 +173,17 @@ def _fitted(base: Character, source: Actor) -> tuple[Character, dict[str, float]
     for name, (first, second) in BONES.items():
         number = skeleton.index(name)
         stretch[number], axis[number] = ratio(first, second), here[second] - here[first]
+    # Rigs disagree on where a neck begins, so neck and head are raised to the source's head over its shoulders.
     # The trunk from the hip sockets to the shoulders, and the widths of both.
     trunk = _trunk_length(there) / _trunk_length(here)
     trunk = float(np.clip(trunk, *STRETCH))
     shoulders, hips = ratio("leftUpperArm", "rightUpperArm"), ratio("leftUpperLeg", "rightUpperLeg")
+    rise = _head_over_shoulders(here, np.array([0.0, 1.0, 0.0]))
+    bone = here["head"][1] - here["neck"][1]
+    neck_rise = trunk * (rise - bone)
+    neck = float(np.clip(_head_over_shoulders(there, source.humanoid.axes[1]) / (neck_rise + bone), *STRETCH))
+    number = skeleton.index("neck")
+    stretch[number], axis[number] = neck, here["head"] - here["neck"]
     scale = {name: np.array([1.0, trunk, 1.0]) for name in ("spine", "chest", "upperChest", "neck")}
     scale |= {f"{side}Shoulder": np.array([shoulders, trunk, 1.0]) for side in ("left", "right")}
     scale |= {f"{side}UpperArm": np.array([shoulders, trunk, 1.0]) for side in ("left", "right")}
@@ -183,6 +204,7 @@ def _fitted(base: Character, source: Actor) -> tuple[Character, dict[str, float]
             offsets[joint] = _along(axis[above], stretch[above]) @ offsets[joint]
         else:
             offsets[joint] *= grown[above]
+    offsets[skeleton.index("neck"), 1] += (neck - 1.0) * neck_rise
     ends = {joint: end * grown[joint] for joint, end in (skeleton.end_offsets or {}).items()}
     moved = replace(skeleton, offsets=offsets, end_offsets=ends)
     _, goals = rest_pose(moved)
@@ -223,6 +245,11 @@ def _along(axis: Float[Array, "3"], by: float) -> Float[Array, "3 3"]:
     length = np.linalg.norm(axis)
     unit = axis / length if length > 0 else axis
     return np.eye(3) + (by - 1.0) * np.outer(unit, unit)
+
+
+def _head_over_shoulders(at: dict[str, Array], up: Float[Array, "3"]) -> float:
+    """How far the head joint is above the middle of the shoulders, metres."""
+    return float((at["head"] - (at["leftUpperArm"] + at["rightUpperArm"]) / 2) @ up)
 
 
 def _trunk_length(at: dict[str, Array]) -> float:
