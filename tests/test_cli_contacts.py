@@ -4,7 +4,6 @@ import json
 import sys
 
 import pytest
-from made_motions import body, fingerless, walk
 
 from retarget import cli
 from retarget.contact.contact_file import read_contacts
@@ -21,7 +20,8 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("contacts")
     clip = cut(embedded_motion("hands_on_hips"), 1.5, 2.0)
     save(folder / "hips.glb", performer(), [replace(clip, name="hips")])
-    save(folder / "walk.bvh", fingerless(body()), [fingerless(walk())])
+    save(folder / "two.glb", performer(), [replace(clip, name="hips"), replace(clip, name="again")])
+    save(folder / "hips.bvh", performer(), [clip])
     return folder
 
 
@@ -58,10 +58,23 @@ def test_json_and_a_part_of_the_clip(files, command):
     assert max(each["end"] for each in report["contacts"]) == pytest.approx(0.2, abs=0.02)
 
 
+def test_a_bare_skeleton_gets_a_body_that_stands_in_for_it(files, tmp_path, command):
+    code, out, err = command("contacts", files / "hips.bvh", "-o", tmp_path / "c.toml")
+    assert (code, err) == (0, "") and out.startswith("note: the source has no surface: an embedded human of ")
+    pairs = [edit.parts for edit in read_contacts(tmp_path / "c.toml").edits]
+    assert ("leftHand", "pelvis") in pairs and ("rightHand", "pelvis") in pairs
+
+
+def test_a_clip_taken_among_several_is_told(files, command):
+    code, _, err = command("contacts", files / "two.glb")
+    assert code == 0 and "holds 2 clips; taking the first, 'hips'" in err
+    code, out, err = command("contacts", files / "two.glb", "--clip", "again", "--json")
+    assert (code, err) == (0, "") and json.loads(out)["clip"] == "again"
+
+
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (["walk.bvh"], "walk.bvh: the source has no surface; contacts are found on a skinned character"),
         (["hips.glb", "--clip", "hip"], "nearest: 'hips'"),
         (["none.glb"], "none.glb"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,7 +17,10 @@ from retarget.errors import FileError, RetargetError
 from retarget.io import load
 from retarget.motion.align import Actor
 from retarget.motion.filter import cut, resample
+from retarget.motion.stand_in import fit_stand_in
 from retarget.retargeting import Hints, cast
+
+log = logging.getLogger("retarget")
 
 FPS = 30.0
 """Frames a second to detect at, or the clip's own if lower."""
@@ -48,12 +52,15 @@ def find_contacts(search: Search) -> dict[str, Any]:
 
         joints = read_map(search.map_file)["source"] or None
     asset = load(search.source)
+    if search.clip is None and len(asset.clips) > 1:
+        first = asset.clips[0].name
+        log.warning("%s holds %d clips; taking the first, %r (--clip NAME to choose)", asset.path, len(asset.clips), first)
     motion = asset.motion(search.clip if search.clip is not None else 0)
     actor = cast(asset, Hints(joints, search.up, search.unit), motion)
     motion = actor.house_from_file.motion(motion)
     if search.start is not None or search.end is not None:
         motion = cut(motion, search.start, search.end)
-    actor, motion = _with_surface(actor, resample(motion, min(FPS, motion.fps)), search.source)
+    actor, motion, notes = _with_surface(actor, resample(motion, min(FPS, motion.fps)))
     detector = prepare_contacts(actor.character, actor.humanoid)
     events = contact_events(detector.clip(*world_pose(motion), motion.fps), motion.fps)
     if search.output is not None:
@@ -61,15 +68,17 @@ def find_contacts(search: Search) -> dict[str, Any]:
     listed = [asdict(event) | {"parts": list(event.parts), "decides": event.decides} for event in events]
     return {
         "source": str(search.source), "clip": motion.name, "fps": motion.fps, "contacts": listed,
-        "output": None if search.output is None else str(search.output), "lines": list(_lines(search, events)),
+        "output": None if search.output is None else str(search.output), "notes": list(notes), "lines": [*(f"note: {note}" for note in notes), *_lines(search, events)],
     }  # fmt: skip
 
 
-def _with_surface(actor: Actor, motion: Motion, path: Path) -> tuple[Actor, Motion]:
-    """The performer with a skin: where a body that stands in for a bare skeleton comes in."""
-    if actor.character.skin is None:
-        raise RetargetError(f"{path}: the source has no surface; contacts are found on a skinned character (glTF)")
-    return actor, motion
+def _with_surface(actor: Actor, motion: Motion) -> tuple[Actor, Motion, tuple[str, ...]]:
+    """The performer with a skin, its motion, and notes: for a bare skeleton the body that the method interaction has stand
+    in for it too, so that both see the same contacts."""
+    if actor.character.skin is not None:
+        return actor, motion, ()
+    stand_in = fit_stand_in(actor)
+    return stand_in.actor, stand_in.motion(motion), stand_in.notes
 
 
 def _lines(search: Search, events: Sequence[ContactEvent]) -> Iterator[str]:

@@ -57,7 +57,7 @@ def test_keep_strengths_and_kinds():
         (0, 2, "leftHand", "head", 0.0, 0.25),
         (0, 3, "chest", "head", 0.0, 0.25),
     )
-    weights = lambda *edits, **strength: apply_edits(contacts, ContactEdits(edits, strength), 30.0).tolist()  # noqa: E731
+    weights = lambda *edits, **strength: apply_edits(contacts, ContactEdits(edits, tuple(strength.items())), 30.0).tolist()  # noqa: E731
     head = ("head", "leftHand")
     assert weights(ContactEdit(head, does="keep", strength=2.0)) == [0.25, 2.0, 0.25]
     assert weights(ContactEdit(head, does="release"), ContactEdit(head, strength=3.0)) == [0.25, 0.75, 0.25]
@@ -69,7 +69,7 @@ def test_keep_strengths_and_kinds():
 def test_an_added_contact_joins_the_same_points_on_every_frame():
     detector, pose, _ = hands_on_hips()
     edit = ContactEdit(("rightHand", "head"), 0.5, 1.0, "add", 2.0, 0.03)
-    added = added_contacts(ContactEdits((edit,), {"rightArm": 0.5}), detector, *pose, FPS)
+    added = added_contacts(ContactEdits((edit,), (("rightArm", 0.5), ("pose", 3.0))), detector, *pose, FPS)
     assert np.array_equal(np.unique(added.frame), np.arange(5, 11))
     own = detector.collider.parts.vertex_parts[added.vertex]
     faces = detector.skinner.character.mesh.faces[added.face]
@@ -98,6 +98,8 @@ def test_added_points_are_the_nearest():
 def test_nothing_added_gives_empty_rows_and_a_missing_part_is_named():
     detector, pose, _ = hands_on_hips()
     assert len(added_contacts(ContactEdits(), detector, *pose, FPS).frame) == 0
+    between = ContactEdit(("rightHand", "head"), 0.52, 0.53, "add")
+    assert set(added_contacts(ContactEdits((between,)), detector, *pose, FPS).frame) == {5}
     late = ContactEdit(("rightHand", "head"), 500.0, None, "add")
     assert len(added_contacts(ContactEdits((late,)), detector, *pose, FPS).frame) == 0
     parts = detector.collider.parts

@@ -23,7 +23,7 @@ def read(folder, text):
 def test_what_is_written_is_read_back_and_edits_nothing(tmp_path):
     write_contacts(tmp_path / "c.toml", EVENTS)
     assert read_contacts(tmp_path / "c.toml") == ContactEdits(
-        tuple(ContactEdit(event.parts, event.start, event.end) for event in EVENTS), {}
+        tuple(ContactEdit(event.parts, event.start, event.end) for event in EVENTS)
     )
     write_contacts(tmp_path / "none.toml", [])
     assert read_contacts(tmp_path / "none.toml") == ContactEdits()
@@ -45,7 +45,10 @@ def test_everything_a_user_may_write(tmp_path):
         """,
     )
     assert found.edits == (ContactEdit(("head", "rightHand"), None, 2.0, "add", 10.0, 0.02),)
-    assert (found.kind("girth"), found.kind("pose"), found.strength["leftArm"]) == (1.0, 1.0, 0.5)
+    assert (found.kind("girth"), found.kind("pose"), found.of_pair(("head", "leftHand"))) == (1.0, 1.0, 0.5)
+    assert found.of_pair(("head", "rightHand")) == 1.0, "lines of kinds speak of no part"
+    again = read_contacts(tmp_path / "contacts.toml")
+    assert again == found and hash(again) == hash(found), "a setting of a method is hashable"
 
 
 def entry(**changes):

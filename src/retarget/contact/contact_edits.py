@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from retarget.contact.contact_file import GROUPS, ContactEdit, ContactEdits
+from retarget.contact.contact_file import ContactEdit, ContactEdits
 from retarget.contact.detect import ContactDetector, Contacts
 from retarget.contact.parts import PARTS
 from retarget.errors import RetargetError
@@ -55,11 +55,8 @@ def apply_edits(contacts: Contacts, edits: ContactEdits, fps: float) -> Float[Ar
         pair = ((own == a) & (contacts.part == b)) | ((own == b) & (contacts.part == a))
         chosen = pair & _during(edit, contacts.frame / fps, SLACK)
         weight[chosen] = edit.strength * {"auto": auto[chosen], "keep": 1.0, "release": 0.0}[edit.does]
-    for name, parts in GROUPS.items():
-        if name in edits.strength:
-            numbers = [PARTS.index(part) for part in parts]
-            weight[np.isin(own, numbers) | np.isin(contacts.part, numbers)] *= edits.strength[name]
-    return weight
+    strength = np.array([[edits.of_pair((one, other)) for other in PARTS] for one in PARTS])
+    return weight * strength[own, contacts.part]
 
 
 def added_contacts(
@@ -72,7 +69,8 @@ def added_contacts(
     """The rows of all entries 'add'.
 
     An entry joins the same points on all its frames: the nearest of both parts, both ways, at the moment when the parts
-    are closest, by their vertices. Raises `RetargetError` for a part that the body lacks.
+    are closest, by their vertices. Frames within half a frame of its time belong to it, so that no entry falls between two.
+    The strengths of parts multiply it, those of kinds do not. Raises `RetargetError` for a part that the body lacks.
     """
     asked = [edit for edit in edits.edits if edit.does == "add"]
     found = [_added(edit, edits, detector, world_rotations, world_positions, fps) for edit in asked]
@@ -98,7 +96,7 @@ def _added(
         sides.append(np.flatnonzero(usable & (parts.welded == np.arange(len(usable)))))
         if len(sides[-1]) == 0:
             raise RetargetError(f"contacts {edit.parts[0]}-{edit.parts[1]} cannot be added: the body has no {name}")
-    frames = np.flatnonzero(_during(edit, np.arange(len(rotations)) / fps, 1e-3))
+    frames = np.flatnonzero(_during(edit, np.arange(len(rotations)) / fps, 0.5 / fps + 1e-6))
     nearest = (np.inf, None)
     for frame in frames:
         posed = detector.skinner.vertices(rotations[frame : frame + 1], positions[frame : frame + 1])[0]
@@ -117,10 +115,7 @@ def _added(
     own, other = np.concatenate(vertex), np.concatenate(touched)
     order = np.argsort(own)
     own, other = own[order], other[order]
-    weight = edit.strength
-    for name, members in GROUPS.items():
-        if name in edits.strength and set(members) & set(edit.parts):
-            weight *= edits.strength[name]
+    weight = edit.strength * edits.of_pair(edit.parts)
     rows = len(frames) * len(own)
     return (
         np.repeat(frames, len(own)), np.tile(own, len(frames)), np.tile(face_of[other], len(frames)),

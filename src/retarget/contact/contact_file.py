@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -73,15 +73,20 @@ class ContactEdit:
 
 @dataclass(frozen=True)
 class ContactEdits:
-    """A contacts file as read."""
+    """A contacts file as read; hashable, so that it can be a setting of a method."""
 
     edits: tuple[ContactEdit, ...] = ()
-    strength: Mapping[str, float] = field(default_factory=dict)
-    """By group or part of `GROUPS`, and by kind of `KINDS`."""
+    strength: tuple[tuple[str, float], ...] = ()
+    """Names with their strength: groups and parts of `GROUPS`, and kinds of `KINDS`."""
 
     def kind(self, name: str) -> float:
         """Strength of 'pose', 'girth' or 'ground'."""
-        return self.strength.get(name, KINDS[name])
+        return dict(self.strength).get(name, KINDS[name])
+
+    def of_pair(self, parts: Collection[str]) -> float:
+        """What the lines of groups and parts multiply a contact of two parts with: each line in which one of the two takes
+        part, once."""
+        return math.prod(value for name, value in self.strength if set(GROUPS.get(name, ())) & set(parts))
 
 
 def read_contacts(path: str | Path) -> ContactEdits:
@@ -117,7 +122,7 @@ def read_contacts(path: str | Path) -> ContactEdits:
             raise FileError(path, "; ".join([*problem[:-1], f"{len(known)} in all: {', '.join(known)}"]), "[strength]")
         _number(path, "[strength]", name, value, STRONGEST)
     edits = tuple(_edit(path, f"[[contact]] {number}", row) for number, row in enumerate(rows, 1))
-    return ContactEdits(edits, {name: float(value) for name, value in strength.items()})
+    return ContactEdits(edits, tuple((name, float(value)) for name, value in strength.items()))
 
 
 def _edit(path: Path, place: str, row: dict[str, Any]) -> ContactEdit:

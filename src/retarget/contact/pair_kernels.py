@@ -106,8 +106,9 @@ def _axes(normals, pair, all_three, axes):
 
 @njit(**OPTIONS)
 def place_pairs(vertices, first, first_shares, second, second_shares, faces, gap, slack, points, touched, normals, wanted):
-    """For pairs that should touch: their two points, the skin's normal at the second (of the corners `faces[n]`), and how
-    the difference should change so that they stand `gap` apart along it; what is off by less than `slack` is left."""
+    """For pairs that should touch: the first point; the place `gap` above the second, along the skin's normal there (of the
+    corners `faces[n]`), which goes along with the skin; and how the first should move to be in that place. What is off by
+    less than `slack` is left."""
     for pair in range(len(first)):
         for axis in range(3):
             points[pair, axis] = 0.0
@@ -126,7 +127,8 @@ def place_pairs(vertices, first, first_shares, second, second_shares, faces, gap
         normals[pair, 0], normals[pair, 1], normals[pair, 2] = nx / length, ny / length, nz / length
         off = 0.0
         for axis in range(3):
-            wanted[pair, axis] = gap[pair] * normals[pair, axis] - (points[pair, axis] - touched[pair, axis])
+            touched[pair, axis] += gap[pair] * normals[pair, axis]
+            wanted[pair, axis] = touched[pair, axis] - points[pair, axis]
             off += wanted[pair, axis] ** 2
         share = max(0.0, 1.0 - slack / max(np.sqrt(off), 1e-12))
         for axis in range(3):

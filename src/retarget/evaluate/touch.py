@@ -6,7 +6,7 @@ Contacts are carried from the source to the target by `contact.carried`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,7 +18,7 @@ from retarget.contact.carried import CarriedVertices, carry_vertices
 from retarget.contact.collide import Collider, prepare_collider
 from retarget.contact.detect import LEAVE, ContactDetector, Contacts, prepare_contacts
 from retarget.contact.near_sensors import hand_pairs
-from retarget.contact.parts import BodyParts
+from retarget.contact.parts import PARTS, BodyParts
 from retarget.contact.sensors import Sensors, place_sensors, pose_sensors
 from retarget.contact.slim import arm_radius
 from retarget.evaluate import metrics
@@ -111,17 +111,45 @@ class TouchJudge:
         self, touch: SourceTouch, posed: Float[Array, "frames vertices 3"], countable: Bool[Array, "tracks"] | None
     ) -> tuple[float | None, int]:
         """Share of the source's contacts kept, and how many (points times frames) were counted."""
+        first, second, frame = self._carried_contacts(touch, posed, countable)
+        if len(frame) == 0:
+            return None, 0
+        everywhere = np.ones((1, len(frame)), dtype=bool)
+        return metrics.contacts_kept(first[None], second[None], everywhere, self.threshold), len(frame)
+
+    def lost(
+        self, touch: SourceTouch, motion: Motion, countable: Bool[Array, "tracks"] | None
+    ) -> tuple[Bool[Array, "rows"], Int[Array, "rows"]]:
+        """Which of the counted contacts are not kept, and the frame of each."""
+        first, second, frame = self._carried_contacts(touch, self.skinner.vertices(*world_pose(motion)), countable)
+        return np.linalg.norm(first - second, axis=1) > metrics.SLACK * self.threshold, frame
+
+    def gained(self, touch: SourceTouch, motion: Motion) -> float | None:
+        """Contacts of the result between parts that do not touch on the source's frame, per cent of all of the result's:
+        what its girth, or the method, adds."""
+        detector = self._detector
+        found = detector.clip(*world_pose(motion), motion.fps)
+        if len(found.frame) == 0:
+            return 0.0
+        pairs = [_part_pairs(contacts) for contacts in (touch.contacts, found)]
+        return 100.0 * float((~np.isin(pairs[1], pairs[0])).mean())
+
+    @cached_property
+    def _detector(self) -> ContactDetector:
+        return prepare_contacts(self.target.character, self.target.humanoid, self.threshold)
+
+    def _carried_contacts(
+        self, touch: SourceTouch, posed: Float[Array, "frames vertices 3"], countable: Bool[Array, "tracks"] | None
+    ) -> tuple[Float[Array, "rows 3"], Float[Array, "rows 3"], Int[Array, "rows"]]:
+        """Both places of the source's contacts on the target, metres, and their frames."""
         contacts, rows = touch.contacts, touch.pose_rows(countable)
         corners = touch.actor.character.mesh.faces[contacts.face[rows]]
         vertices = np.concatenate([contacts.vertex[rows][:, None], corners], axis=1)
         trusted = self.carried.trusted(vertices).all(axis=1)
         rows, vertices = rows[trusted], vertices[trusted]
-        if len(rows) == 0:
-            return None, 0
         places = self.carried.places(posed, contacts.frame[rows], vertices)
         touched = (contacts.barycentric[rows][:, :, None] * places[:, 1:]).sum(axis=1)
-        everywhere = np.ones((1, len(rows)), dtype=bool)
-        return metrics.contacts_kept(places[None, :, 0], touched[None], everywhere, self.threshold), len(rows)
+        return places[:, 0], touched, contacts.frame[rows]
 
     def _contact_errors(self, touch: SourceTouch, motion: Motion) -> tuple[float | None, float | None]:
         """As the paper charges it, and to both sides."""
@@ -147,6 +175,13 @@ def prepare_judge(touch: SourceTouch, target: Actor, by_sensors: bool = False) -
         (own.sensors, body.sensors),
         (own.arm_radius, body.arm_radius),
     )
+
+
+def _part_pairs(contacts: Contacts) -> Int[Array, "rows"]:
+    """A number for the frame and the two parts of every row."""
+    own, other = contacts.tracks.own_part[contacts.track], contacts.part
+    low, high = np.minimum(own, other), np.maximum(own, other)
+    return (contacts.frame * len(PARTS) + low) * len(PARTS) + high
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ itself by speed and truth."""
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -108,12 +109,12 @@ def measure(case: ContactCase, touch: SourceTouch, judge, countable, method: str
         "frames": len(result.motion),
         "frames_per_second": len(result.motion) / seconds,
         **judge(touch, result.motion, countable),
-        "foot_slide_cm": _foot_slide(performance.source, performance.motion, case.target, result.motion),
-        "jerk_ratio": _jerk_ratio(performance.source, performance.motion, case.target, result.motion),
+        "foot_slide_cm": foot_slide(performance.source, performance.motion, case.target, result.motion),
+        "jerk_ratio": jerk_ratio(performance.source, performance.motion, case.target, result.motion),
     }
 
 
-def _foot_slide(source: Actor, motion, target: Actor, result) -> float | None:
+def foot_slide(source: Actor, motion, target: Actor, result) -> float | None:
     """Slide of heels and balls over the source's contacts, cm at 1.7 m."""
     limbs = [support_limbs(actor.character, actor.humanoid) for actor in (source, target)]
     touching = standing_contacts(source, limbs[0], *world_pose(motion), motion.fps).touching[:, FOOT_POINTS]
@@ -122,7 +123,7 @@ def _foot_slide(source: Actor, motion, target: Actor, result) -> float | None:
     return float(slides.mean()) if len(slides) else None
 
 
-def _jerk_ratio(source: Actor, motion, target: Actor, result) -> float | None:
+def jerk_ratio(source: Actor, motion, target: Actor, result) -> float | None:
     """Jerk of hips, head, hands and feet over leg length, result over source."""
     jerks = []
     for actor, moving in ((source, motion), (target, result)):
@@ -148,11 +149,13 @@ def _sensor_error(kept: list[tuple[float, float]]) -> dict[str, float | None]:
     return {"sensors_kept_bias": float(apart.mean()), "sensors_kept_error": float(np.abs(apart).mean())}
 
 
-def by_split(cases: list[dict[str, Any]], method: str, split: str) -> dict[str, Any]:
+def by_split(
+    cases: list[dict[str, Any]], method: str, split: str, keys: Mapping[str, str] = KEYS
+) -> dict[str, Any]:
     """Means of a method over a split. Contacts count alike wherever they are: a clip that hardly touches weighs little."""
     own = [case for case in cases if case["method"] == method and case["split"] == split]
     row: dict[str, Any] = {"method": method, "split": split, "cases": len(own)}
-    for key in (*KEYS, "source_penetration_percent"):
+    for key in (*keys, "source_penetration_percent"):
         known = [case for case in own if case[key] is not None]
         weights = [case["contacts_counted"] if key == "contacts_kept" else 1 for case in known]
         row[key] = float(np.average([case[key] for case in known], weights=weights)) if sum(weights) else None

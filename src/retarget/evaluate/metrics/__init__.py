@@ -9,6 +9,7 @@ as they are, as in the papers. A mean over nothing (no contact, too few frames) 
 
 from retarget.evaluate.metrics.basis import REFERENCE_HEIGHT, procrustes
 from retarget.evaluate.metrics.interaction import (
+    SLACK,
     contact_error,
     contacts_gained,
     contacts_kept,
@@ -41,6 +42,7 @@ from retarget.evaluate.metrics.surface import mdel, mpvd, pa_mpvd, volume_error_
 __all__ = [
     "MSE_DEFINITIONS",
     "REFERENCE_HEIGHT",
+    "SLACK",
     "acc",
     "angle_error_degrees",
     "contact_error",

@@ -15,6 +15,7 @@ from retarget.contact.contact_edits import added_contacts, apply_edits
 from retarget.contact.contact_file import ContactEdits
 from retarget.contact.detect import ContactDetector, Contacts
 from retarget.contact.ground import intervals
+from retarget.contact.sensor_bones import BONES
 from retarget.contact.sensors import SensorSkinner
 from retarget.contact.support import support_points
 
@@ -160,7 +161,7 @@ class GoalMaker:
             more = (added.frame, added.vertex, added.face, added.barycentric, added.gap * self.size, fade * added.weight)
             order = np.argsort(np.concatenate([rows[0], more[0]]), kind="stable")
             rows = [np.concatenate(pair)[order] for pair in zip(rows, more)]
-        near = near_rows(self.sensors.pose(*pose)[0], self.pairs, 2.0 * self.radii[0], self.radii[1] / self.radii[0])
+        near = self._near(performed, self._busy_hands(frames, rows[0], rows[1], rows[2], rows[5]))
         goals = self._goals(self._rows(frames, *rows), self._sunk(contacts, frames), near, copied, equations, touching)
         return contacts, goals
 
@@ -174,8 +175,26 @@ class GoalMaker:
         rows = self._rows(
             1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(contacts), weight
         )
-        near = near_rows(self.sensors.pose(*pose)[0], self.pairs, 2.0 * self.radii[0], self.radii[1] / self.radii[0])
+        near = self._near(performed, self._busy_hands(1, contacts.frame, contacts.vertex, contacts.face, weight))
         return self._goals(rows, self._sunk(contacts, 1), near, copied, equations, None)
+
+    def _near(self, performed: Motion, busy: Float[Array, "frames 2"]) -> NearRows:
+        """Sensors of hands and what is near them, as far as the hand is `busy` touching something: a hand that only passes
+        by is left alone."""
+        places, _ = self.sensors.pose(*world_pose(performed))
+        reach, ratio = 2.0 * self.radii[0], self.radii[1] / self.radii[0]
+        side = np.char.startswith(np.array(BONES)[self.sensors.sensors.layout.bones[self.pairs[0]]], "right").astype(int)
+        return near_rows(places, self.pairs, reach, ratio, busy[:, side])
+
+    def _busy_hands(self, frames: int, frame: Array, vertex: Array, face: Array, weight: Array) -> Float[Array, "frames 2"]:
+        """From 0 to 1, how much the left and the right hand touch: by the weights of their contacts."""
+        parts = self.detector.collider.parts
+        busy = np.zeros((frames, 2))
+        for number, side in enumerate(("left", "right")):
+            hand = parts.index(f"{side}Hand")
+            own = (parts.vertex_parts[vertex] == hand) | (parts.face_parts[face] == hand)
+            busy[:, number] = np.bincount(frame[own], weight[own], minlength=frames)
+        return np.minimum(1.0, busy / BUSY)
 
     def _goals(self, rows, sunk, near, copied: Motion, equations: PoseEquations, touching) -> ClipGoals:
         rotations, positions = world_pose(copied)
@@ -244,6 +263,10 @@ RAMP = 0.13
 """Seconds over which a contact's pull grows after it began and fades before it ends."""
 
 
+BUSY = 5.0
+"""The sum of the weights of a hand's contacts from which on it counts as touching in full."""
+
+
 def _fade(frame: Int[Array, "rows"], frames: int, ramp: float) -> Float[Array, "rows"]:
     """From 0 to 1 at the start of every stretch of frames that have rows, and back at its end; at the clip's ends none."""
     share = np.zeros(frames)
@@ -261,13 +284,15 @@ def near_rows(
     pairs: tuple[Int[Array, "pairs"], Int[Array, "pairs"]],
     reach: float,
     ratio: float,
+    share: Float[Array, "frames pairs"],
 ) -> NearRows:
     """Pairs of the source's sensors within `reach` metres of each other; on the target they should be as far apart by the
-    `ratio`. A pair weighs less the farther it is, and nothing at the reach, so that none comes or goes at once."""
+    `ratio`. A pair weighs less the farther it is, and nothing at the reach, so that none comes or goes at once; its `share`
+    multiplies."""
     distance = np.linalg.norm(places[:, pairs[0]] - places[:, pairs[1]], axis=-1)
-    frame, pair = np.nonzero(distance < reach)
+    frame, pair = np.nonzero((distance < reach) & (share > 0))
     own = distance[frame, pair].astype(np.float64)
     return NearRows(
         np.searchsorted(frame, np.arange(len(places) + 1)), pairs[0][pair], pairs[1][pair], ratio * own,
-        (1.0 - own / reach) ** 2,
+        share[frame, pair] * (1.0 - own / reach) ** 2,
     )  # fmt: skip

@@ -15,7 +15,7 @@ from retarget.methods.base import Result, Retargeter
 from retarget.methods.interaction.equations import PoseEquations
 from retarget.methods.interaction.goals import ClipGoals, GoalMaker
 from retarget.methods.interaction.report import corrections, remaining
-from retarget.methods.interaction.solve import COLD, ROUNDS, STEADY, TOGETHER, Solver
+from retarget.methods.interaction.solve import COLD, FOLLOW, ROUNDS, STEADY, TOGETHER, Solver
 from retarget.motion.copy_clip import Copier
 from retarget.motion.stand_in import StandIn
 
@@ -103,7 +103,7 @@ class PreparedInteraction(Retargeter):
         keys = np.unique(np.append(np.arange(0, count, max(1, round(KEY * fps))), count - 1))
         at_keys, x = [], np.zeros(equations.size)
         for number, frame in enumerate(keys):
-            rounds, steady = (ROUNDS, STEADY / (KEY * RATE)) if number else (COLD, 0.0)
+            rounds, steady = (ROUNDS, FOLLOW) if number else (COLD, 0.0)
             x = self.solver.follow(copied.rotations[frame], offsets[frame], goals.frame(frame), x, rounds, steady)
             at_keys.append(x)
         x = np.stack([np.interp(np.arange(count), keys, column) for column in np.array(at_keys).T], axis=1)

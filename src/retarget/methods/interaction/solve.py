@@ -25,10 +25,12 @@ COLD = 6
 """The same for the first frame, which nothing has warmed."""
 TOGETHER = 2
 """Gauss-Newton steps of a whole clip."""
-PRIOR = 0.015
+PRIOR = 0.006
 """Weight of closeness to the copied pose, times the joint's stiffness."""
-STEADY = 0.02
-"""Weight of closeness to the frame before, likewise, at 30 frames a second."""
+STEADY = 0.2
+"""Weight of closeness to the frame before, likewise, at 30 frames a second, where there is no look ahead."""
+FOLLOW = 0.003
+"""The same between the frames that a clip is solved at first."""
 CURVATURE, SPEED = 1.5, 0.02
 """Weights of the correction's second and first difference over a clip, likewise, at 30 frames a second."""
 STIFFNESS = {
