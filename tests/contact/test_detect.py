@@ -177,7 +177,7 @@ def tracked(distances, fps=30.0, twice=False):
     figure, found_by = tracker()
     TELL[:], TWICE[:] = distances, [True] * twice
     told = Told(**{field.name: getattr(found_by.collider, field.name) for field in fields(Collider)})
-    contacts = replace(found_by, collider=told, slim=()).clip(*pose(figure.character, {}, len(distances)), fps)
+    contacts = replace(found_by, collider=told, slim=np.zeros((0, 1, 3))).clip(*pose(figure.character, {}, len(distances)), fps)
     check(contacts, found_by)
     return contacts, [(int(a), int(b)) for a, b in zip(contacts.tracks.start, contacts.tracks.stop)]
 

@@ -18,6 +18,7 @@ from retarget.contact.sensors import (
     place_sensors,
     pose_sensors,
     prepare_sensor_skinning,
+    surface_points,
 )
 from retarget.correspond.joints import match_humanoid
 from retarget.errors import RetargetError
@@ -64,8 +65,16 @@ def test_the_papers_layout_has_every_combination():
 
 
 @pytest.mark.parametrize("name", ["thin", "very_heavy", "child", "toddler"])
-def test_most_rays_hit(name):
-    assert sensed(human(**PRESETS[name])).valid.mean() > 0.94
+def test_most_rays_hit_and_clavicles_stay_near_the_shoulder(name):
+    sensors = sensed(human(**PRESETS[name]))
+    shoulder = np.isin(sensors.layout.bones, [BONES.index("leftShoulder"), BONES.index("rightShoulder")])
+    assert sensors.valid[~shoulder].mean() > 0.95
+    assert 0.5 < sensors.valid[shoulder].mean() < 0.9, "rays that leave a clavicle downwards run through the trunk"
+    high = surface_points(sensors.stance.vertices, sensors.stance.faces, sensors.faces, sensors.barycentrics)[:, 1]
+    chest = sensors.stance.joints["leftUpperLeg"][1] + 0.6 * (
+        sensors.stance.joints["leftUpperArm"][1] - sensors.stance.joints["leftUpperLeg"][1]
+    )
+    assert high[shoulder & sensors.valid].min() > chest
 
 
 def test_a_sensor_lies_on_its_ray(sensors):

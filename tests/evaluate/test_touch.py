@@ -9,9 +9,10 @@ from made_motions import actor, with_vertices_permuted
 from retarget.body import rotations as rot
 from retarget.body.kinematics import rest_pose
 from retarget.contact.carried import same_topology
+from retarget.contact.near_sensors import hand_pairs
 from retarget.contact.slim import arm_radius
 from retarget.evaluate.keepable import search
-from retarget.evaluate.touch import observe, prepare_judge, sensor_pairs
+from retarget.evaluate.touch import observe, prepare_judge
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
 from retarget.retargeting import cast, prepare
@@ -77,9 +78,9 @@ def test_only_countable_tracks_count():
     assert judge(touch(), hands_on_hips(), none)["contacts_kept"] is None
 
 
-def test_sensor_pairs_join_a_hand_to_everything_but_its_own_arm():
+def test_hand_pairs_join_a_hand_to_everything_but_its_own_arm():
     judge = prepare_judge(touch(), actor())
-    first, second = sensor_pairs(judge.sensors)
+    first, second = hand_pairs(*judge.sensors)
     assert len(first) == len(second) > 1000
     from retarget.contact.sensor_bones import BONES
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -105,7 +106,7 @@ class Collider:
         not finite."""
         posed = self._posed(vertices)
         # Every other block for each thread: parts that touch are spread over both.
-        found = list(_threads().map(lambda share: self._search(posed, share, reach), self.shares))
+        found = _shared_out(lambda share: self._search(posed, share, reach), self.shares)
         return self._rows(posed[0], [np.concatenate(column) for column in zip(*found)])
 
     def depths(self, vertices: Float[Array, "frames vertices 3"]) -> Float[Array, "frames vertices"]:
@@ -118,7 +119,7 @@ class Collider:
             np.maximum.at(depth, vertex, -distance)
             return depth[self.parts.welded]
 
-        return np.array(list(_threads().map(of_frame, range(len(vertices))))).reshape(vertices.shape[:2])
+        return np.array(_shared_out(of_frame, range(len(vertices)))).reshape(vertices.shape[:2])
 
     def without(self, vertices: Int[Array, "_"], part: Int[Array, "_"]) -> Collider:
         """The same collider that never tests these pairs of vertex and part either."""
@@ -374,12 +375,16 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget_threads)
 
 
-def _threads() -> ThreadPoolExecutor:
-    """The threads that share queries, started on first use."""
+def _shared_out(work: Callable[[Any], Any], shares: Sequence[Any]) -> list[Any]:
+    """The work on every share, by threads where the process has more than one core: on one, handing over costs more than
+    a share itself."""
     global _pool
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if cores == 1:
+        return [work(share) for share in shares]
     if _pool is None:
-        _pool = ThreadPoolExecutor(max_workers=min(THREADS, os.cpu_count() or 1))
-    return _pool
+        _pool = ThreadPoolExecutor(max_workers=min(THREADS, cores))
+    return list(_pool.map(work, shares))
 
 
 def _announce() -> None:

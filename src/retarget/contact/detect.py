@@ -6,12 +6,12 @@ pose, or near a shared joint, is how the body is built and does not count.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from retarget.body.kinematics import joint_transforms
 from retarget.body.skinning import Skinner, prepare_skinning, rest_vertices
 from retarget.character import Character
 from retarget.contact.collide import Collider, SurfacePairs, prepare_collider
@@ -90,8 +90,8 @@ class ContactDetector:
     """Metres within which skin touches."""
     skinner: Skinner
     humanoid: Humanoid
-    slim: tuple[Skinner, ...]
-    """The same body slimmer and slimmer, in the same skin topology."""
+    slim: Float[Array, "bodies vertices 3"]
+    """The vertices of the same body slimmer and slimmer, as it is bound."""
 
     def frame(self, vertices: Float[Array, "vertices 3"]) -> SurfacePairs:
         """All touching pairs of one posed body."""
@@ -112,10 +112,10 @@ class ContactDetector:
         for start in range(0, len(world_rotations), step):
             part = slice(start, start + step)
             posed = self.skinner.vertices(world_rotations[part], world_positions[part])
-            slim = [each.vertices(world_rotations[part], world_positions[part]) for each in self.slim]
+            moves = self._moves(world_rotations[part], world_positions[part])
             for number, vertices in enumerate(posed):
                 pairs = self.collider.pairs(vertices, LEAVE * self.threshold)
-                stays = self._stays([bodies[number] for bodies in slim], pairs)
+                stays = self._stays(moves[number], pairs)
                 own = self.collider.parts.vertex_parts[pairs.vertex]
                 hand = np.maximum(placed[start + number, own], placed[start + number, pairs.part])
                 beside = HANGS_BESIDE[own, pairs.part]  # there a hand touches because arms hang, on thin bodies too
@@ -124,21 +124,26 @@ class ContactDetector:
         least = min(max(1, round(SHORTEST * fps)), max(1, len(world_rotations)))
         return _tracked(found, self.threshold, least, self.collider)
 
-    def _stays(self, slim: Sequence[Float[Array, "vertices 3"]], pairs: SurfacePairs) -> Float[Array, "pairs"]:
+    def _moves(self, world_rotations: Array, world_positions: Array) -> Float[Array, "frames columns 3 4"]:
+        """World-from-mesh of every column of the skin; none are needed where there is no slimmer body."""
+        if len(self.slim) == 0:
+            return np.zeros((len(world_rotations), 0, 3, 4))
+        skin = self.skinner.character.skin
+        return joint_transforms(world_rotations, world_positions)[:, skin.joints, :3] @ skin.inverse_binds
+
+    def _stays(self, moves: Float[Array, "columns 3 4"], pairs: SurfacePairs) -> Float[Array, "pairs"]:
         """Share of the slimmer bodies on which the same points still meet in the same pose; a gap of one threshold counts
         full, of three not at all. All 1 where the body is thin already."""
-        if not slim or len(pairs.vertex) == 0:
-            return np.ones(len(pairs.vertex))
-        corners = self.skinner.character.mesh.faces[pairs.face]
-        shares = []
-        for vertices in slim:
-            touched = (pairs.barycentric[:, :, None] * vertices[corners]).sum(axis=1)
-            way = vertices[pairs.vertex] - touched
-            out = (way * pairs.normal).sum(axis=1)
-            aside = np.linalg.norm(way - out[:, None] * pairs.normal, axis=1)
-            gap = np.hypot(np.maximum(out, 0.0), aside)  # what is still inside touches
-            shares.append(np.clip((3.0 - gap / self.threshold) / 2.0, 0.0, 1.0))
-        return np.mean(shares, axis=0)
+        shares = np.ones(len(pairs.vertex))
+        if len(self.slim) and len(shares):
+            from retarget.contact import skin_kernels
+
+            skin, faces = self.skinner.character.skin, self.skinner.character.mesh.faces
+            skin_kernels.touching_share(
+                moves, skin.columns, skin.weights, self.slim, pairs.vertex, faces[pairs.face], pairs.barycentric,
+                pairs.normal, float(self.threshold), shares,
+            )  # fmt: skip
+        return shares
 
 
 def prepare_contacts(character: Character, humanoid: Humanoid, threshold: float | None = None) -> ContactDetector:
@@ -151,9 +156,10 @@ def prepare_contacts(character: Character, humanoid: Humanoid, threshold: float 
     if threshold is None:
         threshold = THRESHOLD * body_height(rest, collider.parts, humanoid)
     near = collider.pairs(rest, AT_REST * threshold)
-    slim = tuple(prepare_skinning(each) for each in slim_bodies(character, humanoid, collider.parts))
+    slim = [each.mesh.vertices for each in slim_bodies(character, humanoid, collider.parts)]
     return ContactDetector(
-        collider.without(near.vertex, near.part), threshold, prepare_skinning(character), humanoid, slim
+        collider.without(near.vertex, near.part), threshold, prepare_skinning(character), humanoid,
+        np.array(slim).reshape(len(slim), len(rest), 3),
     )
 
 
@@ -190,11 +196,11 @@ def _tracked(
     same = (np.diff(rows["vertex"]) == 0) & (np.diff(rows["part"]) == 0) & (np.diff(frame) <= least)
     run = np.cumsum(np.append(True, ~same))[: len(frame)] - 1
     # A track begins with the first row within the threshold, though the run may have been near before.
-    begun = np.full(len(frame) + 1, np.inf)
-    touching = distance < threshold
-    np.minimum.at(begun, run[touching], frame[touching])
-    last = np.full(len(frame) + 1, -np.inf)
-    np.maximum.at(last, run, frame)
+    starts = np.flatnonzero(np.append(True, ~same)[: len(frame)])
+    begun, last = np.zeros(0), np.zeros(0)
+    if len(starts):
+        begun = np.minimum.reduceat(np.where(distance < threshold, frame.astype(float), np.inf), starts)
+        last = frame[np.append(starts[1:], len(frame)) - 1]  # rows of a run come by frame
     kept = (frame >= begun[run]) & (last[run] + 1 - begun[run] >= least)
     rows = {name: column[kept] for name, column in rows.items()}
     _, first, track = np.unique(run[kept], return_index=True, return_inverse=True)
@@ -227,7 +233,7 @@ def _by_vertex_and_part(found: list[tuple[Array, SurfacePairs, Array]]) -> dict[
     rows["barycentric"] = np.concatenate([np.zeros((0, 3)), *(pairs.barycentric for _, pairs, _ in found)])
     rows["distance"] = np.concatenate([floats, *(pairs.distance for _, pairs, _ in found)])
     rows["probability"] = np.concatenate([floats, *(probability for _, _, probability in found)])
-    order = np.lexsort((rows["distance"], rows["frame"], rows["part"], rows["vertex"]))
-    keys = np.stack([rows["vertex"], rows["part"], rows["frame"]])[:, order]
-    nearest = np.append(True, (np.diff(keys, axis=1) != 0).any(axis=0))[: len(order)]
-    return {name: column[order[nearest]] for name, column in rows.items()}
+    key = (rows["vertex"] * len(PARTS) + rows["part"]) * (int(rows["frame"].max(initial=0)) + 1) + rows["frame"]
+    order = np.lexsort((rows["distance"], key))
+    nearest = order[np.append(True, np.diff(key[order]) != 0)[: len(order)]]
+    return {name: column[nearest] for name, column in rows.items()}

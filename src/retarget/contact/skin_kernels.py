@@ -1,5 +1,5 @@
-"""Compiled loops: one pose of a skinned body, joints and skin. For solvers, which pose one body again and again; whole clips
-are faster through `body.skinning`. Import only where used."""
+"""Compiled loops: one pose of a skinned body, all of it or a few points. For solvers, which pose one body again and again;
+whole clips are faster through `body.skinning`. Import only where used."""
 
 from __future__ import annotations
 
@@ -89,11 +89,56 @@ def pose_skin(world, places, column_joints, binds, columns, weights, rest, out):
         out[vertex, 0], out[vertex, 1], out[vertex, 2] = px, py, pz
 
 
+@njit(**OPTIONS)
+def _placed(moves, columns, weights, rest, vertex, out):
+    """One vertex of a body, posed."""
+    x, y, z = rest[vertex, 0], rest[vertex, 1], rest[vertex, 2]
+    out[0], out[1], out[2] = 0.0, 0.0, 0.0
+    for place in range(columns.shape[1]):
+        weight = weights[vertex, place]
+        if weight == 0.0:
+            continue
+        m = moves[columns[vertex, place]]
+        for i in range(3):
+            out[i] += weight * (m[i, 0] * x + m[i, 1] * y + m[i, 2] * z + m[i, 3])
+
+
+@njit(**OPTIONS)
+def touching_share(moves, columns, weights, bodies, first, second, shares, normals, threshold, out):
+    """For pairs of a vertex and a point of three others: the share of `bodies` (bodies x vertices x 3, at rest, on one
+    skeleton) on which they still meet in the pose `moves` (columns x 3 x 4): in full up to a gap of one threshold, not at
+    all from three on. What is inside along the normal has no gap."""
+    point, corner, way = np.empty(3), np.empty(3), np.empty(3)
+    for pair in range(len(first)):
+        total = 0.0
+        for body in range(len(bodies)):
+            rest = bodies[body]
+            _placed(moves, columns, weights, rest, first[pair], point)
+            way[:] = point
+            for k in range(3):
+                _placed(moves, columns, weights, rest, second[pair, k], corner)
+                for i in range(3):
+                    way[i] -= shares[pair, k] * corner[i]
+            out_by = way[0] * normals[pair, 0] + way[1] * normals[pair, 1] + way[2] * normals[pair, 2]
+            aside = 0.0
+            for i in range(3):
+                aside += (way[i] - out_by * normals[pair, i]) ** 2
+            gap = np.sqrt(max(out_by, 0.0) ** 2 + aside)
+            total += min(max((3.0 - gap / threshold) / 2.0, 0.0), 1.0)
+        out[pair] = total / len(bodies)
+
+
 def compile_kernels() -> None:
     """Compile the kernels and keep them on disk, as `collide.compile_kernels` does."""
     world, places, vertices = np.empty((1, 4)), np.empty((1, 3)), np.empty((1, 3))
     rotations, none = np.array([[0.0, 0, 0, 1]]), np.zeros((1, 3))
     pose_joints(np.array([-1]), rotations, none, np.array([0]), none, world, places)
     pose_skin(
-        world, places, np.zeros(1, int), np.eye(4)[None, :3], np.zeros((1, 1), np.int32), np.ones((1, 1)), none, vertices
-    )
+        world, places, np.zeros(1, int), np.eye(4)[None, :3].copy(), np.zeros((1, 1), np.int32), np.ones((1, 1)), none,
+        vertices,
+    )  # fmt: skip
+    zero = np.zeros(1, dtype=np.int64)
+    touching_share(
+        np.eye(4)[None, :3].copy(), np.zeros((1, 1), dtype=np.int64), np.ones((1, 1)), none[None], zero,
+        np.zeros((1, 3), dtype=np.int64), none, none, 1.0, np.empty(1),
+    )  # fmt: skip
