@@ -107,6 +107,12 @@ def run(
     animation_only: Annotated[
         bool, typer.Option("--animation-only", help="Write joints and animation, no surface.")
     ] = False,
+    contacts_file: Annotated[
+        Optional[Path], typer.Option("--contacts", help="Contacts file (see `retarget contacts`).", show_default=False)
+    ] = None,
+    show_report: Annotated[
+        bool, typer.Option("--report", help="Also print what was corrected, where and by how much.")
+    ] = False,
     map_file: Annotated[
         Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
     ] = None,
@@ -130,6 +136,7 @@ def run(
         motions=tuple(inputs[:-1]), target=inputs[-1], output=output, clip=clip, all_clips=all_clips, start=start, end=end,
         fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock, "steady": steady},
         animation_only=animation_only, map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
+        contacts=contacts_file, report=show_report,
     )  # fmt: skip
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
 
@@ -188,6 +195,32 @@ def contacts(
     from retarget.commands_contacts import Search, find_contacts
 
     _say(find_contacts(Search(source, output, clip, start, end, map_file, up, unit)), as_json)
+
+
+@app.command()
+def repair(
+    file: File,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.", show_default=False)],
+    clip: Annotated[
+        Optional[str], typer.Option(help="Name of the clip (every clip if not given).", show_default=False)
+    ] = None,
+    foot_lock: Annotated[
+        bool, typer.Option("--foot-lock/--no-foot-lock", help="Hold what rests on the ground.")
+    ] = True,
+    map_file: Annotated[
+        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
+    ] = None,
+    up: Up = None,
+    unit: Unit = None,
+    as_json: Json = False,
+    verbose: Verbose = False,
+) -> None:
+    """Take self-penetration and foot slide out of an animated character's clips, whoever made them."""
+    _listen(verbose)
+    from retarget.commands_repair import Repair, repair_file
+
+    order = Repair(file, output, clip, foot_lock, map_file, up, unit)
+    _say(repair_file(order, progress=sys.stderr.isatty() and not as_json), as_json)
 
 
 @app.command()
@@ -293,7 +326,7 @@ def evaluate_(
 
 @app.command(epilog="\n\n".join(f"{key}: {sentence}." for key, sentence in FORMULAS.items()))
 def bench(
-    name: Annotated[str, typer.Argument(help="contact or skeletal")],
+    name: Annotated[str, typer.Argument(help="contact, interaction or skeletal")],
     quick: Annotated[bool, typer.Option("--quick", help="An honest subset in at most 45 s.")] = False,
     json_file: Annotated[
         Optional[Path], typer.Option("--json", help="Also write everything to this file.", show_default=False)

@@ -42,6 +42,8 @@ class Order:
     unit: float | None = None
     target_up: str | None = None
     target_unit: float | None = None
+    contacts: Path | None = None
+    report: bool = False
 
 
 def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
@@ -52,6 +54,11 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     if not one_file_each:
         check_output(order.output)
     source_hints, target_hints = _hints(order)
+    settings = dict(order.settings)
+    if order.contacts is not None:
+        from retarget.contact.contact_file import read_contacts
+
+        settings["contacts"] = read_contacts(order.contacts)
     target = cast(order.target, target_hints)
     done, waiting = [], []
     with progress_line(progress, len(files)) as tell:
@@ -61,7 +68,7 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
             for clip in _wanted_clips(asset, order):
                 tell(f"retargeting {file.stem}")
                 motion = _trimmed(asset.motion(clip), order)
-                production = prepare(cast(asset, source_hints, motion), target, order.method, **order.settings)
+                production = prepare(cast(asset, source_hints, motion), target, order.method, **settings)
                 started = time.perf_counter()
                 result = production(motion)
                 done.append(_report_clip(file, motion, result, production, time.perf_counter() - started))
@@ -75,7 +82,7 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
         if not one_file_each:
             tell(f"writing {order.output.name}")
             _write(order.output, waiting, order, done)
-    lines = [line for each in done for line in _lines_of(each)]
+    lines = [line for each in done for line in [*_lines_of(each), *(correction_lines(each["stats"]) if order.report else ())]]
     return {"clips": done, "lines": lines}
 
 
@@ -179,6 +186,17 @@ def _lines_of(clip: Mapping[str, Any]) -> list[str]:
     seconds = (clip["frames"] - 1) / clip["fps"]
     line = f"{clip['motion']} [{clip['clip']}] -> {clip['output']}: {clip['frames']} frames, {seconds:.2f} s at {clip['fps']:g} fps"
     return [line if clip["status"] == "ok" else f"{line} ({clip['status']})"]
+
+
+def correction_lines(stats: Mapping[str, Any]) -> Iterator[str]:
+    """What the interaction method corrected and what it could not, for people."""
+    for row in stats.get("corrections", ()):
+        yield f"  {row['joint']} turned by up to {row['degrees']:.1f} degrees from {row['start']:.2f} to {row['end']:.2f} s"
+    for name, words in (("still_inside", "still inside"), ("not_reached", "does not reach")):
+        for row in stats.get(name, ()):
+            yield f"  {row['parts'][0]} {words} {row['parts'][1]}: {row['cm']:.1f} cm at {row['at']:.2f} s"
+    for note in stats.get("stand_in", ()):
+        yield f"  {note}"
 
 
 def describe(path: Path) -> dict[str, Any]:

@@ -5,6 +5,7 @@ load → Character, Motion → match joints → method → Result → save
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -18,6 +19,8 @@ from retarget.io import load
 from retarget.io.asset import Asset, Convention
 from retarget.methods import METHODS, Method, Result, Retargeter
 from retarget.motion.align import Actor, make_actor
+
+log = logging.getLogger("retarget")
 
 NEEDED = tuple(name for name in REQUIRED_JOINTS if name != "spine")
 """The joints without which no method has limbs to move."""
@@ -75,12 +78,12 @@ def _humanoid(character: Character, joints: Mapping[str, str] | None) -> Humanoi
 
 
 def choose_method(name: str = "auto", settings: Mapping[str, Any] | None = None) -> Method:
-    """A method by name with its settings; 'auto' is the one that docs/architecture.md gives for the pair.
+    """A method by name with its settings; 'auto' is the one for a target with a surface (`prepare` knows better).
 
     Raises `RetargetError` for a method or a setting that does not exist.
     """
     if name == "auto":
-        name = "copy-rotations"
+        name = "interaction"
     if name not in METHODS:
         raise unknown_name("method", name, METHODS, "this version")
     known = [each.name for each in fields(METHODS[name])]
@@ -98,22 +101,38 @@ class Production:
     target: Actor
     retargeter: Retargeter
     """Works in metres with +Y up on both sides; call this to skip the source file's unit and axes."""
+    notes: tuple[str, ...] = ()
+    """What was decided for the pair."""
 
     def __call__(self, motion: Motion) -> Result:
         """Retarget one clip of the source, given in the source file's own unit and axes."""
         result = self.retargeter(self.source.house_from_file.motion(motion))
         notes = [f"source: {note}" for note in self.source.notes] + [f"target: {note}" for note in self.target.notes]
-        return replace(result, stats=result.stats | {"notes": notes})
+        return replace(result, stats=result.stats | {"notes": [*self.notes, *notes]})
 
 
 def prepare(source: Actor, target: Actor, method: str | Method = "auto", **settings: Any) -> Production:
     """Match a source and a target once, for many clips.
 
-    Settings are the method's fields (`CopyRotations`: foot_lock, steady, limits, in_place). Raises `RetargetError` for an unknown
-    method or setting, or bodies that do not match.
+    Settings are the method's fields (`CopyRotations`: foot_lock, steady, limits, in_place). 'auto' is interaction for a
+    target with a surface and copy-rotations for one without; where a surface cannot serve (no part of it is body, whole
+    limbs are missing), 'auto' copies rotations and says so. Raises `RetargetError` for an unknown method or setting, or
+    bodies that do not match.
     """
-    chosen = method if isinstance(method, Method) else choose_method(method, settings)
-    return Production(source, target, chosen.prepare(source, target))
+    if method != "auto":
+        chosen = method if isinstance(method, Method) else choose_method(method, settings)
+        return Production(source, target, chosen.prepare(source, target))
+    plain = choose_method("copy-rotations", {name: settings[name] for name in settings if name != "contacts"})
+    if target.character.skin is None:
+        return Production(source, target, plain.prepare(source, target))
+    touching = choose_method("auto", settings)
+    try:
+        return Production(source, target, touching.prepare(source, target))
+    except RetargetError as error:
+        prepared = plain.prepare(source, target)  # raises where the bodies do not match at all
+        note = f"contacts are not looked after, rotations are copied: {error}"
+        log.warning("%s", note)
+        return Production(source, target, prepared, (note,))
 
 
 def retarget(

@@ -86,7 +86,8 @@ class ContactEdits:
     def of_pair(self, parts: Collection[str]) -> float:
         """What the lines of groups and parts multiply a contact of two parts with: each line in which one of the two takes
         part, once."""
-        return math.prod(value for name, value in self.strength if set(GROUPS.get(name, ())) & set(parts))
+        lines = (value for name, value in self.strength if set(GROUPS.get(name, ())) & set(parts))
+        return math.prod(lines, start=1.0)
 
 
 def read_contacts(path: str | Path) -> ContactEdits:

@@ -105,10 +105,12 @@ def _axes(normals, pair, all_three, axes):
 
 
 @njit(**OPTIONS)
-def place_pairs(vertices, first, first_shares, second, second_shares, faces, gap, slack, points, touched, normals, wanted):
+def place_pairs(
+    vertices, first, first_shares, second, second_shares, faces, gap, slack, farthest, points, touched, normals, wanted
+):  # fmt: skip
     """For pairs that should touch: the first point; the place `gap` above the second, along the skin's normal there (of the
     corners `faces[n]`), which goes along with the skin; and how the first should move to be in that place. What is off by
-    less than `slack` is left."""
+    less than `slack` is left, and by more than `farthest` pulls no more than that: it may be out of reach."""
     for pair in range(len(first)):
         for axis in range(3):
             points[pair, axis] = 0.0
@@ -130,7 +132,8 @@ def place_pairs(vertices, first, first_shares, second, second_shares, faces, gap
             touched[pair, axis] += gap[pair] * normals[pair, axis]
             wanted[pair, axis] = touched[pair, axis] - points[pair, axis]
             off += wanted[pair, axis] ** 2
-        share = max(0.0, 1.0 - slack / max(np.sqrt(off), 1e-12))
+        off = max(np.sqrt(off), 1e-12)
+        share = max(0.0, 1.0 - slack / off) * min(1.0, farthest / off)
         for axis in range(3):
             wanted[pair, axis] *= share
 
@@ -211,7 +214,7 @@ def compile_kernels() -> None:
     points, touched, normals, wanted = np.empty((4, 1, 3))
     one = np.ones(1)
     place_pairs(
-        vertices, corners, shares, corners, shares, np.arange(3)[None], one, 0.1, points, touched, normals, wanted
+        vertices, corners, shares, corners, shares, np.arange(3)[None], one, 0.1, 1.0, points, touched, normals, wanted
     )
     matrix = np.zeros((3, 3))
     add_pairs(

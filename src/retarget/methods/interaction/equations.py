@@ -31,6 +31,8 @@ MOST_CONTACT, MOST_REPULSION, MOST_NEAR = 100.0, 250.0, 30.0
 large patch must not outweigh everything else."""
 SLACK = 0.35
 """Thresholds that a contact may be off without being pulled."""
+FARTHEST = 4.0
+"""Thresholds that a contact may be off before its pull stops growing."""
 EFFECTORS = ("leftHand", "rightHand", "head", "leftFoot", "rightFoot")
 """Joints whose orientation should stay as copied, as far as contacts allow."""
 
@@ -163,8 +165,8 @@ class PoseEquations:
         points, touched, normals, wanted = np.empty((4, count, 3))
         first, second = (goals.first, goals.first_shares), (goals.second, goals.second_shares)
         pair_kernels.place_pairs(
-            body.vertices, *first, *second, goals.faces, goals.gap, SLACK * self.threshold, points, touched, normals,
-            wanted,
+            body.vertices, *first, *second, goals.faces, goals.gap, SLACK * self.threshold,
+            FARTHEST * self.threshold, points, touched, normals, wanted,
         )  # fmt: skip
         weight = goals.weight * min(1.0, MOST_CONTACT / max(float(goals.weight.sum()), 1e-12))
         pair_kernels.add_pairs(

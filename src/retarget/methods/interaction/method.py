@@ -39,6 +39,8 @@ class Interaction(CopySettings, Method):
     """What each term weighs."""
     contacts: ContactEdits | None = None
     """What a contacts file asks for."""
+    keep_depth: bool = True
+    """Leave inside each other, no deeper, what the source has inside itself; else it is taken out."""
     causal: bool = False
     """Solve clips frame by frame without a look ahead, exactly as `step` does."""
 
@@ -60,11 +62,11 @@ class Interaction(CopySettings, Method):
             arm_radius(performer.character, performer.humanoid, detector.collider.parts),
             arm_radius(target.character, target.humanoid, equations.collider.parts),
         )
-        back = None
-        if stand_in is None and carried.by_sensors is not None:
+        back, may_sink = None, stand_in is None and self.keep_depth
+        if may_sink and carried.by_sensors is not None:
             back = carry_vertices(target.character, target.humanoid, performer.character, performer.humanoid)
         goals = GoalMaker(
-            detector, carried, back, stand_in is None, prepare_sensor_skinning(sensors[0]), hand_pairs(*sensors), radii,
+            detector, carried, back, may_sink, prepare_sensor_skinning(sensors[0]), hand_pairs(*sensors), radii,
             size, edits,
         )  # fmt: skip
         copier = prepare_copier(replace(self, foot_lock=self.foot_lock and ground > 0), source, target)

@@ -38,8 +38,20 @@ STIFFNESS = {
     "UpperLeg": 3.0, "LowerLeg": 3.0, "Foot": 3.0,
 }  # fmt: skip
 """Of each joint against being turned; 1 for those not named."""
+FREE = {
+    "hips": 0.12, "spine": 0.15, "chest": 0.15, "upperChest": 0.15, "neck": 0.2, "head": 0.25, "Shoulder": 0.3,
+    "UpperArm": 0.9, "LowerArm": 1.1, "Hand": 0.7, "UpperLeg": 0.35, "LowerLeg": 0.45, "Foot": 0.35,
+}  # fmt: skip
+"""Radians that each joint may turn away from its copied pose; beyond, `BOUND` pulls it back: what cannot be reached within
+is left, rather than the body be bent out of its pose."""
+FREE_SHIFT = 0.03
+"""Likewise of the hips, in heights of the body."""
+BOUND = 300.0
+"""Weight of what a turn goes beyond its freedom."""
 SHIFT_STIFFNESS = 1000.0
 """The same of the hips against being shifted: a decimetre weighs as much as ten radians squared of an elbow."""
+SHIFT_BOUND = 10.0
+"""Of a shift beyond its freedom, over that of a turn, for a body of one metre."""
 LONGEST_TURN = 0.25
 """Radians that a joint turns in one step at most; metres that the hips shift."""
 NOTHING = 1e-4
@@ -54,6 +66,8 @@ class Solver:
 
     equations: PoseEquations
     stiffness: Float[Array, "unknowns"]
+    free: Float[Array, "unknowns"]
+    """How far each turn, or the shift, may go: the same for the three numbers of a vector."""
 
     def follow(
         self,
@@ -71,8 +85,11 @@ class Solver:
             if not found.penetrating and not len(goals.weight) and not x.any():
                 break
             matrix = found.matrix
-            matrix[np.diag_indices(len(x))] += (PRIOR + steady) * self.stiffness + 1e-6
-            step = _solved(matrix, found.right - self.stiffness * (PRIOR * x + steady * (x - before)))
+            bound, back = self._bound(x)
+            matrix[np.diag_indices(len(x))] += (PRIOR + steady) * self.stiffness + bound + 1e-6
+            step = _solved(
+                matrix, found.right - self.stiffness * (PRIOR * x + steady * (x - before)) - bound * (x - back)
+            )
             x += step * np.minimum(1.0, LONGEST_TURN / np.maximum(_lengths(step), 1e-12))
             if _lengths(step).max() < NOTHING:
                 break
@@ -92,6 +109,15 @@ class Solver:
         step = solved - x
         return x + step * np.minimum(1.0, LONGEST_TURN / np.maximum(_lengths(step), 1e-12))
 
+    def _bound(
+        self, x: Float[Array, "*frames unknowns"]
+    ) -> tuple[Float[Array, "*frames unknowns"], Float[Array, "*frames unknowns"]]:
+        """Weights of what is beyond its freedom, and the nearest that is within."""
+        share = self.free / np.maximum(_lengths(x), 1e-12)
+        weight = np.where(share < 1.0, BOUND, 0.0)
+        weight[..., -3:] *= (1.0 / self.equations.actor.height) ** 2 * SHIFT_BOUND
+        return weight, x * np.minimum(share, 1.0)
+
     def _window(
         self, x: Float[Array, "frames unknowns"], found: Sequence[Linearised], known: Array, fps: float
     ) -> Float[Array, "frames unknowns"]:
@@ -106,6 +132,8 @@ class Solver:
         matrices = np.stack([each.matrix for each in found])
         right = np.stack([each.right for each in found]) + np.einsum("tij,tj->ti", matrices, x)
         right -= (fixed @ known) * self.stiffness
+        bound, back = self._bound(x)
+        right += bound * back
         rows, columns = np.tril_indices(size)
         reach = min(2, frames - 1)
         band = np.zeros((max(reach * size + 1, size), frames, size))
@@ -113,16 +141,20 @@ class Solver:
         for apart in range(reach + 1):
             own = np.diagonal(time, -apart)
             band[apart * size, : frames - apart] += own[:, None] * self.stiffness
-        band[0] += PRIOR * self.stiffness + 1e-6
+        band[0] += PRIOR * self.stiffness + bound + 1e-6
         flat = band.reshape(len(band), frames * size)
         return solveh_banded(flat, right.ravel(), lower=True, overwrite_ab=True, check_finite=False).reshape(x.shape)
 
 
 def prepare_solver(equations: PoseEquations) -> Solver:
     """A solver with the joints' stiffness."""
-    names = (name.removeprefix("left").removeprefix("right") for name in equations.levers.names)
+    names = [name.removeprefix("left").removeprefix("right") for name in equations.levers.names]
     joints = np.repeat([STIFFNESS.get(name, 1.0) for name in names], 3)
-    return Solver(equations, np.append(joints, np.full(3, SHIFT_STIFFNESS)))
+    free = np.repeat([FREE[name] for name in names], 3)
+    return Solver(
+        equations, np.append(joints, np.full(3, SHIFT_STIFFNESS)),
+        np.append(free, np.full(3, FREE_SHIFT * equations.actor.height)),
+    )  # fmt: skip
 
 
 def _solved(matrix: Float[Array, "unknowns unknowns"], right: Float[Array, "unknowns"]) -> Float[Array, "unknowns"]:
