@@ -68,7 +68,8 @@ def find_contacts(search: Search) -> dict[str, Any]:
     listed = [asdict(event) | {"parts": list(event.parts), "decides": event.decides} for event in events]
     return {
         "source": str(search.source), "clip": motion.name, "fps": motion.fps, "contacts": listed,
-        "output": None if search.output is None else str(search.output), "notes": list(notes), "lines": [*(f"note: {note}" for note in notes), *_lines(search, events)],
+        "output": None if search.output is None else str(search.output), "notes": list(notes),
+        "lines": [*(f"note: {note}" for note in notes), *_lines(search, events)],
     }  # fmt: skip
 
 

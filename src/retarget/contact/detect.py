@@ -129,7 +129,8 @@ class ContactDetector:
         if len(self.slim) == 0:
             return np.zeros((len(world_rotations), 0, 3, 4))
         skin = self.skinner.character.skin
-        return joint_transforms(world_rotations, world_positions)[:, skin.joints, :3] @ skin.inverse_binds
+        T_world_joint = joint_transforms(world_rotations, world_positions)[:, skin.joints, :3]
+        return np.ascontiguousarray(T_world_joint @ skin.inverse_binds)
 
     def _stays(self, moves: Float[Array, "columns 3 4"], pairs: SurfacePairs) -> Float[Array, "pairs"]:
         """Share of the slimmer bodies on which the same points still meet in the same pose; a gap of one threshold counts

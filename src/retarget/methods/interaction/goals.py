@@ -15,6 +15,7 @@ from retarget.contact.contact_edits import added_contacts, apply_edits
 from retarget.contact.contact_file import ContactEdits
 from retarget.contact.detect import ContactDetector, Contacts
 from retarget.contact.ground import intervals
+from retarget.contact.parts import PARTS
 from retarget.contact.sensor_bones import BONES
 from retarget.contact.sensors import SensorSkinner
 from retarget.contact.support import support_points
@@ -150,11 +151,12 @@ class GoalMaker:
         pose, fps, frames = world_pose(performed), performed.fps, len(performed)
         contacts = self.detector.clip(*pose, fps)
         tracks, track = contacts.tracks, contacts.track
-        closeness = self._closeness(contacts, 2.0)
+        distances = self._distances(contacts)
+        closeness = self._closeness(distances, 2.0)
         since, until = contacts.frame - tracks.start[track] + 1, tracks.stop[track] - contacts.frame
         ramp = np.clip(np.minimum(since, until) / max(RAMP * fps, 1.0), 0.0, 1.0)
         weight = apply_edits(contacts, self.edits, fps) * closeness * ramp
-        rows = [contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(contacts), weight]
+        rows = [contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight]
         added = added_contacts(self.edits, self.detector, *pose, fps)
         if len(added.frame):
             fade = _fade(added.frame, frames, RAMP * fps)
@@ -170,10 +172,11 @@ class GoalMaker:
         threshold, so that none comes or goes at once."""
         pose = world_pose(performed)
         contacts = self.detector.clip(*pose, performed.fps)
-        closeness = self._closeness(contacts, 1.0)
+        distances = self._distances(contacts)
+        closeness = self._closeness(distances, 1.0)
         weight = apply_edits(contacts, self.edits, performed.fps) * closeness
         rows = self._rows(
-            1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(contacts), weight
+            1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight
         )
         near = self._near(performed, self._busy_hands(1, contacts.frame, contacts.vertex, contacts.face, weight))
         return self._goals(rows, self._sunk(contacts, 1), near, copied, equations, None)
@@ -204,15 +207,25 @@ class GoalMaker:
             rows, sunk, near, support, resting, np.ascontiguousarray(rotations[:, equations.effectors])
         )
 
-    def _closeness(self, contacts: Contacts, reach: float) -> Float[Array, "rows"]:
-        """From 1 where surfaces touch to 0 at `reach` thresholds. What a performer has that deep inside itself is no contact;
-        what a body that stands in has is one, as its girth is not the performer's."""
-        away = np.abs(contacts.distance) if self.may_sink else np.maximum(contacts.distance, 0.0)
-        return np.clip(1.0 - away / (reach * self.detector.threshold), 0.0, 1.0) ** 2
+    def _distances(self, contacts: Contacts) -> Float[Array, "rows"]:
+        """How far apart touching points are, metres. Where nothing may stay inside anything, what has sunk in is taken as
+        moved out as a whole: the deepest point of two parts touches, the others are as much farther as they were less deep."""
+        if self.may_sink or len(contacts.frame) == 0:
+            return contacts.distance
+        own, other = contacts.tracks.own_part[contacts.track], contacts.part
+        pair = (contacts.frame * len(PARTS) + np.minimum(own, other)) * len(PARTS) + np.maximum(own, other)
+        _, number = np.unique(pair, return_inverse=True)
+        deepest = np.zeros(int(number.max()) + 1)
+        np.maximum.at(deepest, number, -contacts.distance)
+        return contacts.distance + deepest[number]
 
-    def _gap(self, contacts: Contacts) -> Float[Array, "rows"]:
+    def _closeness(self, distances: Float[Array, "rows"], reach: float) -> Float[Array, "rows"]:
+        """From 1 where surfaces touch to 0 at `reach` thresholds; what a performer has deep inside itself is no contact."""
+        return np.clip(1.0 - np.abs(distances) / (reach * self.detector.threshold), 0.0, 1.0) ** 2
+
+    def _gap(self, distances: Float[Array, "rows"]) -> Float[Array, "rows"]:
         """How far apart touching points should be on the target: in radii of the arm, but never farther for its size."""
-        return np.maximum(contacts.distance, 0.0) * min(self.size, self.radii[1] / self.radii[0])
+        return np.maximum(distances, 0.0) * min(self.size, self.radii[1] / self.radii[0])
 
     def _rows(
         self,

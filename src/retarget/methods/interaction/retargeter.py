@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import local_positions, world_pose
@@ -102,7 +101,7 @@ class PreparedInteraction(Retargeter):
         offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
         keys = np.unique(np.append(np.arange(0, count, max(1, round(KEY * fps))), count - 1))
         at_keys, x = [], np.zeros(equations.size)
-        for number, frame in enumerate(keys):
+        for number, frame in enumerate(keys.tolist()):
             rounds, steady = (ROUNDS, FOLLOW) if number else (COLD, 0.0)
             x = self.solver.follow(copied.rotations[frame], offsets[frame], goals.frame(frame), x, rounds, steady)
             at_keys.append(x)
@@ -128,7 +127,7 @@ def corrected(equations: PoseEquations, copied: Motion, x: Float[Array, "frames 
     return replace(copied, rotations=rotations, translations=translations)
 
 
-def _frames(motion: Motion, chosen: Sequence[int]) -> Motion:
+def _frames(motion: Motion, chosen: Int[Array, "chosen"]) -> Motion:
     return replace(motion, rotations=motion.rotations[chosen], translations=motion.translations[chosen])
 
 

@@ -34,8 +34,8 @@ FOLLOW = 0.003
 CURVATURE, SPEED = 1.5, 0.02
 """Weights of the correction's second and first difference over a clip, likewise, at 30 frames a second."""
 STIFFNESS = {
-    "hips": 60.0, "spine": 15.0, "chest": 15.0, "upperChest": 15.0, "neck": 4.0, "head": 4.0, "Shoulder": 2.0, "Hand": 2.0,
-    "UpperLeg": 3.0, "LowerLeg": 3.0, "Foot": 3.0,
+    "hips": 3000.0, "spine": 100.0, "chest": 100.0, "upperChest": 100.0, "neck": 20.0, "head": 20.0, "Shoulder": 2.0,
+    "Hand": 2.0, "UpperLeg": 100.0, "LowerLeg": 100.0, "Foot": 100.0,
 }  # fmt: skip
 """Of each joint against being turned; 1 for those not named."""
 FREE = {
