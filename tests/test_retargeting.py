@@ -12,8 +12,9 @@ from retarget.body.kinematics import world_pose
 from retarget.character import Character, Skeleton
 from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import load, save
-from retarget.methods import METHODS, CopyRotations
+from retarget.methods import METHODS, CopyRotations, Interaction
 from retarget.methods.base import save_results
+from retarget.methods.interaction.retargeter import PreparedInteraction
 from retarget.motion.align import Similarity
 from retarget.motion.chains import path_up
 from retarget.retargeting import Hints, cast, choose_method, prepare, retarget
@@ -43,8 +44,8 @@ def files(tmp_path_factory):
 
 
 def test_files_and_nouns_give_the_same(files):
-    by_files = retarget(files / "walk.bvh", files / "heavy.glb", foot_lock=False)
-    by_nouns = retarget(walk(), body("heavy"), foot_lock=False)
+    by_files = retarget(files / "walk.bvh", files / "heavy.glb", method="copy-rotations", foot_lock=False)
+    by_nouns = retarget(walk(), body("heavy"), method="copy-rotations", foot_lock=False)
     order = [
         by_files.motion.skeleton.index(name) for name in body().skeleton.names
     ]  # the file lists its joints in its own order
@@ -153,7 +154,10 @@ def test_no_frames_no_result():
 
 
 def test_methods_by_name():
-    assert isinstance(choose_method("auto", {"foot_lock": False}), CopyRotations)
+    assert isinstance(choose_method("auto", {"foot_lock": False}), Interaction)
+    assert isinstance(prepare(actor(), actor("heavy")).retargeter, PreparedInteraction)
+    bare = cast(replace(body(), mesh=None, skin=None))
+    assert not isinstance(prepare(actor(), bare).retargeter, PreparedInteraction)
     assert not choose_method("copy-rotations", {"foot_lock": False}).foot_lock
     with pytest.raises(RetargetError, match="copy-rotations"):
         choose_method("copy-rotation")

@@ -121,7 +121,7 @@ def test_a_body_in_any_disguise_performs_the_same(name, tmp_path):
     path, out = tmp_path / "body.glb", tmp_path / "out.glb"
     write_glb(path, rig, **written)
     motion, source = fingerless(embedded_motion("demo")), fingerless(performer())
-    prepare(cast(source), cast(path), foot_lock=False)(motion).save(out)
+    prepare(cast(source), cast(path), "copy-rotations", foot_lock=False)(motion).save(out)
     frames = np.array([40, 170])
     seen = shown(out, rig, frames, motion.fps, written.get("file", HERE), skins=written.get("skins", 1))
     used = np.unique(rig.faces)
@@ -154,7 +154,7 @@ def test_a_motion_in_any_disguise_is_the_same_performance(name, tmp_path):
     _, expected = world_pose(motion)
     for lock, tolerance in ((False, free), (True, held)):
         if tolerance is not None:
-            _, positions = world_pose(retarget(tmp_path / "walk.bvh", target, foot_lock=lock).motion)
+            _, positions = world_pose(retarget(tmp_path / "walk.bvh", target, method="copy-rotations", foot_lock=lock).motion)
             assert np.linalg.norm(positions - expected, axis=-1).mean() * 1000 < tolerance
 
 
@@ -163,7 +163,7 @@ def test_legs_forward_at_rest_keep_the_feet(tmp_path):
     motion = embedded_motion("walk")
     seated = at_rest_in({"leftUpperLeg": (-np.pi / 2, 0, 0), "rightUpperLeg": (-np.pi / 2, 0, 0)})(motion)
     bvh.save(tmp_path / "walk.bvh", seated)
-    result = retarget(tmp_path / "walk.bvh", performer(), foot_lock=False).motion
+    result = retarget(tmp_path / "walk.bvh", performer(), method="copy-rotations", foot_lock=False).motion
     foot = motion.skeleton.index("leftFoot")
     gap = rot.angle_between(world_pose(result)[0][:, foot], world_pose(motion)[0][:, foot])
     assert np.degrees(np.median(gap)) < 20
@@ -185,7 +185,7 @@ def crawl(frames=90, fps=30.0, way=0.8):
 
 def test_who_crawls_from_first_to_last_does_not_stand(tmp_path):
     bvh.save(tmp_path / "crawl.bvh", crawl())
-    result = retarget(tmp_path / "crawl.bvh", performer(), foot_lock=False)
+    result = retarget(tmp_path / "crawl.bvh", performer(), method="copy-rotations", foot_lock=False)
     assert any("up axis +y" in note for note in result.stats["notes"])
     _, expected = world_pose(crawl())
     trunk = [result.motion.skeleton.index(name) for name in ("hips", "head")]
@@ -199,7 +199,7 @@ def test_who_crawls_is_carried_by_the_knees(way):
     source = cast(Character(body().skeleton))
     for preset in ("heavy", "child"):
         target = cast(actor(preset).character)
-        result = prepare(source, target)(crawl(way=way))
+        result = prepare(source, target, "copy-rotations")(crawl(way=way))
         knee = world_pose(result.motion)[1][:, target.skeleton.index("leftLowerLeg"), 1]
         wanted = (0.05 - result.stats["source_floor_m"]) * result.stats["scale"]
         assert np.abs(knee - wanted).max() < 0.006

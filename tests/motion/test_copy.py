@@ -19,7 +19,7 @@ from retarget.retargeting import Hints, cast, prepare
 @pytest.mark.parametrize("rest", [0.0, -35.0, 40.0])
 def test_limbs_point_where_the_sources_point(preset, rest):
     target = cast_by_names(in_other_rest_pose(body(preset), arms_turned(rest)))
-    result = prepare(actor(), target, foot_lock=False)(walk()).motion
+    result = prepare(actor(), target, "copy-rotations", foot_lock=False)(walk()).motion
     directions = [
         limb_directions(each, world_pose(motion)[1]) for each, motion in ((actor(), walk()), (target, result))
     ]
@@ -101,7 +101,7 @@ def test_a_root_above_the_hips_stays_where_it_is():
         np.concatenate([rot.IDENTITY[None], skeleton.rest_rotations]),
     )
     target = cast(Character(longer), Hints(joints={name: name for name in skeleton.names}))
-    result = prepare(actor(), target, foot_lock=False)(walk()).motion
+    result = prepare(actor(), target, "copy-rotations", foot_lock=False)(walk()).motion
     assert result.moved == (0, 1)
     _, places = world_pose(result)
     assert np.abs(places[:, 0]).max() == 0

@@ -42,10 +42,10 @@ def feet(person, motion):
 
 def measure(source, motion, person):
     """Bounds, direction error with nothing held, mean slide with feet held (cm at 1.7 m)."""
-    free = prepare(source, person, foot_lock=False, limits=False, steady=False).retargeter(motion).motion
+    free = prepare(source, person, "copy-rotations", foot_lock=False, limits=False, steady=False).retargeter(motion).motion
     directions = [limb_directions(each, world_pose(moving)[1]) for each, moving in ((source, motion), (person, free))]
     assert angle_error_degrees(*directions).max() < 0.1
-    held = prepare(source, person).retargeter(motion)
+    held = prepare(source, person, "copy-rotations").retargeter(motion)
     _, places = world_pose(held.motion)
     assert np.isfinite(places).all() and np.isfinite(held.motion.rotations).all()
     joints = list(person.humanoid.joints.values())
@@ -92,7 +92,7 @@ def test_one_performance_on_two_skeletons_looks_alike(data):
         motion = asset.motion()
         source = cast(asset, motion=motion)
         clip = source.house_from_file.motion(resample(cut(motion, 0.0, 8.0), FPS))
-        results.append(prepare(source, actor("heavy")).retargeter(clip).motion)
+        results.append(prepare(source, actor("heavy"), "copy-rotations").retargeter(clip).motion)
     (_, first), (_, second) = (world_pose(motion) for motion in results)
     names = ("rightHand", *(f"{side}{part}" for side in ("left", "right") for part in ("LowerArm", "LowerLeg", "Foot")))
     body = [actor("heavy").humanoid.joints[name] for name in names]  # the first file bends its left elbow the wrong way

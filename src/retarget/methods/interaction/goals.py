@@ -13,7 +13,7 @@ from retarget.character import Motion
 from retarget.contact.carried import CarriedVertices
 from retarget.contact.contact_edits import added_contacts, apply_edits
 from retarget.contact.contact_file import ContactEdits
-from retarget.contact.detect import ContactDetector, Contacts
+from retarget.contact.detect import ContactDetector, Contacts, hands_placed
 from retarget.contact.ground import intervals
 from retarget.contact.parts import PARTS
 from retarget.contact.sensor_bones import BONES
@@ -131,6 +131,8 @@ class GoalMaker:
     """The performer's vertices on the target."""
     back: CarriedVertices | None
     """The target's vertices on the performer; None where they are the same, or depth is not carried."""
+    stood_for: bool
+    """Whether the performer only stands in for a source without a surface."""
     may_sink: bool
     """Whether the target may be inside itself as far as the performer is."""
     sensors: SensorSkinner
@@ -155,7 +157,7 @@ class GoalMaker:
         closeness = self._closeness(distances, 2.0)
         since, until = contacts.frame - tracks.start[track] + 1, tracks.stop[track] - contacts.frame
         ramp = np.clip(np.minimum(since, until) / max(RAMP * fps, 1.0), 0.0, 1.0)
-        weight = apply_edits(contacts, self.edits, fps) * closeness * ramp
+        weight = apply_edits(contacts, self.edits, fps) * closeness * ramp * self._meant(contacts, pose[1])
         rows = [contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight]
         added = added_contacts(self.edits, self.detector, *pose, fps)
         if len(added.frame):
@@ -174,7 +176,7 @@ class GoalMaker:
         contacts = self.detector.clip(*pose, performed.fps)
         distances = self._distances(contacts)
         closeness = self._closeness(distances, 1.0)
-        weight = apply_edits(contacts, self.edits, performed.fps) * closeness
+        weight = apply_edits(contacts, self.edits, performed.fps) * closeness * self._meant(contacts, pose[1])
         rows = self._rows(
             1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight
         )
@@ -206,6 +208,20 @@ class GoalMaker:
         return ClipGoals(
             rows, sunk, near, support, resting, np.ascontiguousarray(rotations[:, equations.effectors])
         )
+
+    def _meant(self, contacts: Contacts, positions: Float[Array, "frames joints 3"]) -> Float[Array, "rows"]:
+        """How much a contact says of the performer: the arms of a body that stands in brush its flanks while they hang,
+        which is its girth and not the performance. 1 for all others."""
+        meant = np.ones(len(contacts.frame))
+        if not self.stood_for:
+            return meant
+        placed = hands_placed(self.detector.humanoid, positions)
+        own, other = contacts.tracks.own_part[contacts.track], contacts.part
+        for side in ("left", "right"):
+            arm = [PARTS.index(f"{side}{part}") for part in ("UpperArm", "Forearm")]
+            brushes = (np.isin(own, arm) & np.isin(other, TRUNK)) | (np.isin(other, arm) & np.isin(own, TRUNK))
+            meant[brushes] = placed[contacts.frame[brushes], PARTS.index(f"{side}Hand")]
+        return meant
 
     def _distances(self, contacts: Contacts) -> Float[Array, "rows"]:
         """How far apart touching points are, metres. Where nothing may stay inside anything, what has sunk in is taken as
@@ -276,6 +292,7 @@ RAMP = 0.13
 """Seconds over which a contact's pull grows after it began and fades before it ends."""
 
 
+TRUNK = [PARTS.index(part) for part in ("chest", "abdomen", "pelvis")]
 BUSY = 5.0
 """The sum of the weights of a hand's contacts from which on it counts as touching in full."""
 

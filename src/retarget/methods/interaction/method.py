@@ -66,7 +66,7 @@ class Interaction(CopySettings, Method):
         if may_sink and carried.by_sensors is not None:
             back = carry_vertices(target.character, target.humanoid, performer.character, performer.humanoid)
         goals = GoalMaker(
-            detector, carried, back, may_sink, prepare_sensor_skinning(sensors[0]), hand_pairs(*sensors), radii,
+            detector, carried, back, stand_in is not None, may_sink, prepare_sensor_skinning(sensors[0]), hand_pairs(*sensors), radii,
             size, edits,
         )  # fmt: skip
         copier = prepare_copier(replace(self, foot_lock=self.foot_lock and ground > 0), source, target)

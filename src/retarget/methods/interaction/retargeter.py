@@ -51,6 +51,8 @@ class PreparedInteraction(Retargeter):
         performed = self.stand_in.motion(motion) if self.stand_in else motion
         found, goals = self.goals.clip(replace(_frames(performed, chosen), fps=fps), frames, self.solver.equations, touching)
         x = self._solve(frames, goals, fps)
+        if self.copier.settings.in_place:
+            x[:, [-3, -1]] = 0.0  # across the ground the body stays where it is
         stats = copied.stats | {
             "contacts_of_the_source": len(found.tracks.vertex),
             **corrections(self.solver.equations, x, chosen / motion.fps),
