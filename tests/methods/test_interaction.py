@@ -179,7 +179,8 @@ def test_the_gradient_is_that_of_the_energy(turned):
         along = (missing * normals).sum(axis=1)
         share = np.maximum(0.0, 1.0 - slack / off) * np.minimum(1.0, most / off)
         weights = equations.weights
-        total = min(1.0, MOST_CONTACT / goals.weight.sum()) * goals.weight
+        counted = goals.weight * goals.count
+        total = min(1.0, MOST_CONTACT / counted.sum()) * counted
         forces = total[:, None] * share[:, None] * (
             weights.across * missing + (weights.contact - weights.across) * along[:, None] * normals
         )
@@ -229,11 +230,26 @@ def test_a_window_follows_the_one_before():
     random = np.random.default_rng(0)
     frames = 260
     wave = np.sin(np.arange(frames) / 9.0)[:, None] * random.normal(size=equations.size)
-    found = [Linearised(np.eye(equations.size), row, 0) for row in wave]
+    found = [Linearised(np.zeros(equations.size), np.eye(equations.size), row, 0) for row in wave]
     x = solver.together(np.zeros((frames, equations.size)), found, 30.0)
     jumps = np.linalg.norm(np.diff(x, n=3, axis=0), axis=1)
     seam = jumps[130:142].max()
     assert seam < 1.5 * jumps[60:120].max()
+
+
+def test_equations_may_be_linearised_elsewhere():
+    """The solution of a quadratic problem does not depend on where its equations were made."""
+    prepared = prepare(actor(), actor("heavy"), Interaction()).retargeter
+    solver, size = prepared.solver, prepared.solver.equations.size
+    random = np.random.default_rng(1)
+    lows = random.normal(size=(5, size, size)) / size
+    matrices, right = lows @ lows.transpose(0, 2, 1), 1e-4 * random.normal(size=(5, size))
+    at = 0.01 * random.normal(size=(5, size))
+    here = [Linearised(np.zeros(size), m, r, 0) for m, r in zip(matrices, right)]
+    there = [Linearised(a, m, r - m @ a, 0) for a, m, r in zip(at, matrices, right)]
+    solutions = [solver.together(np.zeros((5, size)), found, 30.0) for found in (here, there)]
+    assert np.abs(solutions[0]).max() > 1e-6
+    assert solutions[1] == pytest.approx(solutions[0], abs=1e-9)
 
 
 def test_kernels_are_compiled_at_set_up():

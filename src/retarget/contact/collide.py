@@ -35,7 +35,7 @@ folds at every joint. Ours."""
 BRIDGE = 0.02
 """Share of the body's height: pieces of a body that come this close where their parts meet in a joint count as one skin
 there. Ours."""
-LEAF = 2
+LEAF = 4
 """Faces in a leaf of the box hierarchy."""
 FARTHEST = 1e100
 """Metres; the squares of coordinates up to here are finite."""
@@ -106,7 +106,8 @@ class Collider:
         not finite."""
         posed = self._posed(vertices)
         # Every other block for each thread: parts that touch are spread over both.
-        found = _shared_out(lambda share: self._search(posed, share, reach), self.shares)
+        shares = self.shares if _cores() > 1 else (self.blocks,)
+        found = _shared_out(lambda share: self._search(posed, share, reach), shares)
         return self._rows(posed[0], [np.concatenate(column) for column in zip(*found)])
 
     def depths(self, vertices: Float[Array, "frames vertices 3"]) -> Float[Array, "frames vertices"]:
@@ -127,6 +128,11 @@ class Collider:
         for solid in range(len(self.solid_parts)):
             excluded[vertices[part == self.solid_parts[solid]], solid] = True
         return _with_exclusions(self, excluded)
+
+    def only(self, vertices: Int[Array, "_"]) -> Collider:
+        """The same collider that tests these vertices alone, of those it tests."""
+        chosen = self.blocks.vertices[np.isin(self.blocks.vertices, vertices)]
+        return _with_exclusions(replace(self, blocks=replace(self.blocks, vertices=chosen)), self.excluded)
 
     def points(self, vertices: Float[Array, "vertices 3"]) -> Float[Array, "points 3"]:
         """What `corners` index: the posed vertices, then the centres of the rims."""
@@ -379,12 +385,17 @@ def _shared_out(work: Callable[[Any], Any], shares: Sequence[Any]) -> list[Any]:
     """The work on every share, by threads where the process has more than one core: on one, handing over costs more than
     a share itself."""
     global _pool
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = _cores()
     if cores == 1:
         return [work(share) for share in shares]
     if _pool is None:
         _pool = ThreadPoolExecutor(max_workers=min(THREADS, cores))
     return list(_pool.map(work, shares))
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _announce() -> None:

@@ -17,6 +17,7 @@ from retarget.character import Character
 from retarget.contact.collide import Collider, SurfacePairs, prepare_collider
 from retarget.contact.parts import PARTS, body_height
 from retarget.contact.slim import slim_bodies
+from retarget.contact.thinned import ThinnedSkin, thinned_skin
 from retarget.correspond.joints import Humanoid
 from retarget.errors import RetargetError
 
@@ -92,6 +93,8 @@ class ContactDetector:
     humanoid: Humanoid
     slim: Float[Array, "bodies vertices 3"]
     """The vertices of the same body slimmer and slimmer, as it is bound."""
+    thinned: ThinnedSkin
+    """The vertices that are tested."""
 
     def frame(self, vertices: Float[Array, "vertices 3"]) -> SurfacePairs:
         """All touching pairs of one posed body."""
@@ -147,21 +150,25 @@ class ContactDetector:
         return shares
 
 
-def prepare_contacts(character: Character, humanoid: Humanoid, threshold: float | None = None) -> ContactDetector:
-    """Prepare a body. `threshold` in metres (None: `THRESHOLD` of its height). Raises `RetargetError` for a character
-    without a surface and for a threshold that is no length."""
+def prepare_contacts(
+    character: Character, humanoid: Humanoid, threshold: float | None = None, spacing: float = 0.0
+) -> ContactDetector:
+    """Prepare a body. `threshold` in metres (None: `THRESHOLD` of its height); of vertices closer together than `spacing`
+    (a share of its height) only one is tested. Raises `RetargetError` for a character without a surface and for a
+    threshold that is no length."""
     if threshold is not None and not 0.0 < threshold < np.inf:
         raise RetargetError(f"the contact threshold must be a length in metres above 0, received {threshold!r}")
     collider = prepare_collider(character, humanoid)
     rest = rest_vertices(character)
-    if threshold is None:
-        threshold = THRESHOLD * body_height(rest, collider.parts, humanoid)
+    height = body_height(rest, collider.parts, humanoid)
+    threshold = THRESHOLD * height if threshold is None else threshold
     near = collider.pairs(rest, AT_REST * threshold)
+    thinned = thinned_skin(rest, collider.blocks.vertices, spacing * height)
     slim = [each.mesh.vertices for each in slim_bodies(character, humanoid, collider.parts)]
     return ContactDetector(
-        collider.without(near.vertex, near.part), threshold, prepare_skinning(character), humanoid,
-        np.array(slim).reshape(len(slim), len(rest), 3),
-    )
+        collider.without(near.vertex, near.part).only(thinned.kept), threshold, prepare_skinning(character), humanoid,
+        np.array(slim).reshape(len(slim), len(rest), 3), thinned,
+    )  # fmt: skip
 
 
 def hands_placed(humanoid: Humanoid, world_positions: Float[Array, "frames joints 3"]) -> Float[Array, "frames parts"]:

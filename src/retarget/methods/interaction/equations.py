@@ -68,8 +68,9 @@ class PosedBody:
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """E(x + d) ≈ E(x) - right · d + 1/2 d · matrix d."""
+    """E(at + d) ≈ E(at) - right · d + 1/2 d · matrix d."""
 
+    at: Float[Array, "unknowns"]
     matrix: Float[Array, "unknowns unknowns"]
     right: Float[Array, "unknowns"]
     penetrating: int
@@ -154,7 +155,7 @@ class PoseEquations:
         )  # fmt: skip
         pair_kernels.mirror_lower(matrix)
         change = _world_from_turns(body.world[self.levers.turning], x)
-        return Linearised(change.T @ matrix @ change, change.T @ right, penetrating)
+        return Linearised(x, change.T @ matrix @ change, change.T @ right, penetrating)
 
     def _add_contacts(self, body: PosedBody, goals: FrameGoals, places: Array, matrix: Array, right: Array) -> None:
         from retarget.contact import pair_kernels
@@ -168,7 +169,8 @@ class PoseEquations:
             body.vertices, *first, *second, goals.faces, goals.gap, SLACK * self.threshold,
             FARTHEST * self.threshold, points, touched, normals, wanted,
         )  # fmt: skip
-        weight = goals.weight * min(1.0, MOST_CONTACT / max(float(goals.weight.sum()), 1e-12))
+        weight = goals.weight * goals.count
+        weight *= min(1.0, MOST_CONTACT / max(float(weight.sum()), 1e-12))
         pair_kernels.add_pairs(
             *first, points, *second, touched, normals, wanted, self.weights.contact * weight,
             self.weights.across * weight, self.levers.joints, self.levers.weights, places, matrix, right,

@@ -41,6 +41,9 @@ class FrameGoals:
     gap: Float[Array, "contacts"]
     """How far apart along it, metres."""
     weight: Float[Array, "contacts"]
+    """From 0 to 1, more where a contacts file asks for it."""
+    count: Float[Array, "contacts"]
+    """How many points of the performer's skin each stands for."""
     sunk: Int[Array, "sunk"]
     """Vertices that may stay inside other parts, because the source's are."""
     depth: Float[Array, "sunk"]
@@ -72,6 +75,7 @@ class ContactRows:
     faces: Int[Array, "rows 3"]
     gap: Float[Array, "rows"]
     weight: Float[Array, "rows"]
+    count: Float[Array, "rows"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +119,7 @@ class ClipGoals:
         own = self.contacts
         return FrameGoals(
             own.first[rows], own.first_shares[rows], own.second[rows], own.second_shares[rows], own.faces[rows],
-            own.gap[rows], own.weight[rows], self.sunk.vertex[sunk], self.sunk.depth[sunk],
+            own.gap[rows], own.weight[rows], own.count[rows], self.sunk.vertex[sunk], self.sunk.depth[sunk],
             (self.near.first[near], self.near.second[near]), self.near.apart[near], self.near.closeness[near],
             self.support[number], self.resting[number], self.effectors[number],
         )  # fmt: skip
@@ -158,14 +162,15 @@ class GoalMaker:
         since, until = contacts.frame - tracks.start[track] + 1, tracks.stop[track] - contacts.frame
         ramp = np.clip(np.minimum(since, until) / max(RAMP * fps, 1.0), 0.0, 1.0)
         weight = apply_edits(contacts, self.edits, fps) * closeness * ramp * self._meant(contacts, pose[1])
-        rows = [contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight]
+        count = self.detector.thinned.stands_for[contacts.vertex]
+        rows = [contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight, count]
         added = added_contacts(self.edits, self.detector, *pose, fps)
         if len(added.frame):
             fade = _fade(added.frame, frames, RAMP * fps)
-            more = (added.frame, added.vertex, added.face, added.barycentric, added.gap * self.size, fade * added.weight)
+            more = (added.frame, added.vertex, added.face, added.barycentric, added.gap * self.size, fade * added.weight, np.ones(len(fade)))
             order = np.argsort(np.concatenate([rows[0], more[0]]), kind="stable")
             rows = [np.concatenate(pair)[order] for pair in zip(rows, more)]
-        near = self._near(performed, self._busy_hands(frames, rows[0], rows[1], rows[2], rows[5]))
+        near = self._near(performed, self._busy_hands(frames, rows[0], rows[1], rows[2], rows[5] * rows[6]))
         goals = self._goals(self._rows(frames, *rows), self._sunk(contacts, frames), near, copied, equations, touching)
         return contacts, goals
 
@@ -177,10 +182,11 @@ class GoalMaker:
         distances = self._distances(contacts)
         closeness = self._closeness(distances, 1.0)
         weight = apply_edits(contacts, self.edits, performed.fps) * closeness * self._meant(contacts, pose[1])
+        count = self.detector.thinned.stands_for[contacts.vertex]
         rows = self._rows(
-            1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight
+            1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight, count
         )
-        near = self._near(performed, self._busy_hands(1, contacts.frame, contacts.vertex, contacts.face, weight))
+        near = self._near(performed, self._busy_hands(1, contacts.frame, contacts.vertex, contacts.face, weight * count))
         return self._goals(rows, self._sunk(contacts, 1), near, copied, equations, None)
 
     def _near(self, performed: Motion, busy: Float[Array, "frames 2"]) -> NearRows:
@@ -252,6 +258,7 @@ class GoalMaker:
         shares: Float[Array, "rows 3"],
         gap: Float[Array, "rows"],
         weight: Float[Array, "rows"],
+        count: Float[Array, "rows"],
     ) -> ContactRows:
         """Contacts of the performer, a vertex at a point of a face each, on the target's skin. Rows come by frame; those
         without weight, or with a place that the target has none for, are left out."""
@@ -263,26 +270,24 @@ class GoalMaker:
         faces = np.take_along_axis(second.reshape(len(kept), second.shape[1] // 3, 3), main[:, None, None], axis=1)[:, 0]
         return ContactRows(
             np.searchsorted(frame[kept], np.arange(frames + 1)), first, first_shares, second, second_shares,
-            np.ascontiguousarray(faces), gap[kept], weight[kept],
+            np.ascontiguousarray(faces), gap[kept], weight[kept], count[kept],
         )  # fmt: skip
 
     def _sunk(self, contacts: Contacts, frames: int) -> SunkRows:
-        """Where the performer is inside itself, on the target."""
+        """Where the performer is inside itself, on the target: as deep as its tested vertices around."""
         rows = np.flatnonzero(contacts.distance < 0) if self.may_sink else np.zeros(0, dtype=np.int64)
-        order = np.lexsort((-contacts.distance[rows], contacts.vertex[rows], contacts.frame[rows]))
-        rows = rows[order]  # the deepest part of a vertex comes last, and counts
-        frame, vertex, depth = contacts.frame[rows], contacts.vertex[rows], -contacts.distance[rows] * self.size
-        if self.back is None:
-            return SunkRows(np.searchsorted(frame, np.arange(frames + 1)), vertex, depth)
-        nearest, trusted = self.back.nearest(), self.back.trusted(np.arange(len(self.back.by_sensors.faces)))
-        found = []
+        frame, found = contacts.frame[rows], []
         deep = np.zeros(len(self.detector.skinner.character.mesh.vertices))
+        if self.back is not None:
+            nearest, known = self.back.nearest(), self.back.trusted(np.arange(len(self.back.by_sensors.faces)))
         for number in np.unique(frame):
-            own = frame == number
+            own = rows[frame == number]
             deep[:] = 0.0
-            deep[vertex[own]] = depth[own]
-            here = np.flatnonzero(trusted & (deep[nearest] > 0))
-            found.append((np.full(len(here), number), here, deep[nearest[here]]))
+            np.maximum.at(deep, contacts.vertex[own], -contacts.distance[own] * self.size)
+            everywhere = self.detector.thinned.spread(deep)
+            on_target = everywhere if self.back is None else np.where(known, everywhere[nearest], 0.0)
+            here = np.flatnonzero(on_target > 0)
+            found.append((np.full(len(here), number), here, on_target[here]))
         empty = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
         frame, vertex, depth = (np.concatenate(column) for column in zip(empty, *found))
         return SunkRows(np.searchsorted(frame, np.arange(frames + 1)), vertex, depth)

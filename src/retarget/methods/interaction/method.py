@@ -21,6 +21,9 @@ from retarget.motion.align import Actor
 from retarget.motion.copy_clip import CopySettings, prepare_copier
 from retarget.motion.stand_in import fit_stand_in
 
+SPACING = 0.006
+"""Share of the performer's height between vertices that are looked at: about a centimetre."""
+
 
 @dataclass(frozen=True)
 class Interaction(CopySettings, Method):
@@ -51,7 +54,7 @@ class Interaction(CopySettings, Method):
         edits = self.contacts or ContactEdits()
         stand_in = fit_stand_in(source) if source.character.skin is None else None
         performer = stand_in.actor if stand_in else source
-        detector = prepare_contacts(performer.character, performer.humanoid)
+        detector = prepare_contacts(performer.character, performer.humanoid, spacing=SPACING)
         sensors = tuple(place_sensors(actor.character, actor.humanoid) for actor in (performer, target))
         size = target.height / performer.height
         ground = edits.kind("ground")

@@ -11,10 +11,10 @@ from retarget.body import rotations as rot
 from retarget.body.kinematics import local_positions, world_pose
 from retarget.character import Motion, Pose
 from retarget.methods.base import Result, Retargeter
-from retarget.methods.interaction.equations import PoseEquations
+from retarget.methods.interaction.equations import Linearised, PoseEquations
 from retarget.methods.interaction.goals import ClipGoals, GoalMaker
 from retarget.methods.interaction.report import corrections, remaining
-from retarget.methods.interaction.solve import COLD, FOLLOW, ROUNDS, STEADY, TOGETHER, Solver
+from retarget.methods.interaction.solve import COLD, FOLLOW, ROUNDS, STAYED, STEADY, TOGETHER, Solver
 from retarget.motion.copy_clip import Copier
 from retarget.motion.stand_in import StandIn
 
@@ -108,11 +108,12 @@ class PreparedInteraction(Retargeter):
             x = self.solver.follow(copied.rotations[frame], offsets[frame], goals.frame(frame), x, rounds, steady)
             at_keys.append(x)
         x = np.stack([np.interp(np.arange(count), keys, column) for column in np.array(at_keys).T], axis=1)
+        found: dict[int, Linearised] = {}
         for _ in range(TOGETHER):
-            found = [
-                equations.linearise(copied.rotations[f], offsets[f], goals.frame(f), x[f]) for f in range(count)
-            ]
-            x = self.solver.together(x, found, fps)
+            for f in range(count):
+                if f not in found or np.abs(x[f] - found[f].at).max() > STAYED:
+                    found[f] = equations.linearise(copied.rotations[f], offsets[f], goals.frame(f), x[f])
+            x = self.solver.together(x, [found[f] for f in range(count)], fps)
         return x
 
 

@@ -52,6 +52,8 @@ SHIFT_STIFFNESS = 1000.0
 """The same of the hips against being shifted: a decimetre weighs as much as ten radians squared of an elbow."""
 SHIFT_BOUND = 10.0
 """Of a shift beyond its freedom, over that of a turn, for a body of one metre."""
+STAYED = 0.002
+"""Radians, or metres: the equations of a frame that has moved by less are taken as they are."""
 LONGEST_TURN = 0.25
 """Radians that a joint turns in one step at most; metres that the hips shift."""
 NOTHING = 1e-4
@@ -98,7 +100,7 @@ class Solver:
     def together(
         self, x: Float[Array, "frames unknowns"], found: Sequence[Linearised], fps: float
     ) -> Float[Array, "frames unknowns"]:
-        """The corrections of a clip as one problem, from the equations of its frames linearised at `x`."""
+        """The corrections of a clip as one problem, from the equations of its frames linearised near `x`."""
         solved = x.copy()
         for start in range(0, len(x), WINDOW - OVERLAP):
             stop = min(start + WINDOW, len(x))
@@ -130,7 +132,8 @@ class Solver:
         time = CURVATURE * rate**4 * curvature.T @ curvature + SPEED * rate**2 * speed.T @ speed
         fixed, time = time[len(known) :, : len(known)], time[len(known) :, len(known) :]
         matrices = np.stack([each.matrix for each in found])
-        right = np.stack([each.right for each in found]) + np.einsum("tij,tj->ti", matrices, x)
+        at = np.stack([each.at for each in found])
+        right = np.stack([each.right for each in found]) + (matrices @ at[..., None])[..., 0]
         right -= (fixed @ known) * self.stiffness
         bound, back = self._bound(x)
         right += bound * back
