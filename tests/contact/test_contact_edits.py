@@ -8,7 +8,7 @@ import pytest
 from test_contact_list import made_contacts
 
 from retarget.body.kinematics import world_pose
-from retarget.contact.contact_edits import added_contacts, apply_edits
+from retarget.contact.contact_edits import LIKELY, UNLIKELY, added_contacts, apply_edits, sharpened
 from retarget.contact.contact_file import ContactEdit, ContactEdits
 from retarget.contact.detect import prepare_contacts
 from retarget.contact.parts import PARTS
@@ -37,7 +37,7 @@ def pair(contacts, one, other):
 def test_without_edits_the_pose_decides():
     _, _, contacts = hands_on_hips()
     weight = apply_edits(contacts, ContactEdits(), FPS)
-    assert np.array_equal(weight, contacts.tracks.pose_probability[contacts.track])
+    assert np.array_equal(weight, sharpened(contacts.tracks.pose_probability)[contacts.track])
 
 
 def test_releasing_a_pair_for_a_while_removes_just_these_rows():
@@ -52,18 +52,24 @@ def test_releasing_a_pair_for_a_while_removes_just_these_rows():
 
 
 def test_keep_strengths_and_kinds():
+    p = UNLIKELY + 0.25 * (LIKELY - UNLIKELY)  # taken as 0.25
     contacts = made_contacts(
-        (0, 1, "leftHand", "leftForearm", 0.0, 0.25),
-        (0, 2, "leftHand", "head", 0.0, 0.25),
-        (0, 3, "chest", "head", 0.0, 0.25),
+        (0, 1, "leftHand", "leftForearm", 0.0, p), (0, 2, "leftHand", "head", 0.0, p), (0, 3, "chest", "head", 0.0, p)
     )
-    weights = lambda *edits, **strength: apply_edits(contacts, ContactEdits(edits, tuple(strength.items())), 30.0).tolist()  # noqa: E731
+
+    def weights(*edits, **strength):
+        return pytest.approx(apply_edits(contacts, ContactEdits(edits, tuple(strength.items())), 30.0).tolist())
+
     head = ("head", "leftHand")
     assert weights(ContactEdit(head, does="keep", strength=2.0)) == [0.25, 2.0, 0.25]
     assert weights(ContactEdit(head, does="release"), ContactEdit(head, strength=3.0)) == [0.25, 0.75, 0.25]
     assert weights(arms=0.5) == [0.125, 0.125, 0.25], "a line counts once, though both parts are in the arm"
     assert weights(arms=0.5, head=2.0) == [0.125, 0.25, 0.5]
     assert weights(pose=0.0, girth=1.0) == [0.75, 0.75, 0.75]
+
+
+def test_what_is_hardly_meant_does_not_pull_and_what_likely_is_pulls_in_full():
+    assert sharpened(np.array([0.0, 0.2, 0.7, 1.0])).tolist() == [0.0, 0.0, 1.0, 1.0]
 
 
 def test_an_added_contact_joins_the_same_points_on_every_frame():

@@ -128,6 +128,38 @@ def test_released_contacts_let_go():
     assert lost[0] > 3 * lost[1]
 
 
+def test_a_timed_entry_acts_online_as_over_a_clip():
+    """Both let go of the left hand from half a second on, and not before."""
+    parts = [("leftHand", other) for other in ("pelvis", "abdomen", "leftThigh")]
+    settings = Interaction(contacts=ContactEdits(tuple(ContactEdit(pair, 0.5, None, "release") for pair in parts)))
+    released, plain = (prepare(actor(), actor("child"), each).retargeter for each in (settings, Interaction()))
+    motion = hands_on_hips()
+    arm = [plain.copier.target.skeleton.index(f"left{part}") for part in ("UpperArm", "LowerArm", "Hand")]
+    for clip in (lambda each: each(motion).motion.rotations, lambda each: stepped(each, motion)):
+        turned = rot.angle_between(clip(released)[:, arm], clip(plain)[:, arm]).max(axis=1)
+        assert turned[:9].max() < 0.03 < 0.1 < turned[18:].max()
+
+
+def stepped(retargeter, motion):
+    return np.stack([retargeter.step(motion.pose(number)).rotations for number in range(len(motion))])
+
+
+def test_contacts_are_added_to_whole_clips_only():
+    settings = Interaction(contacts=ContactEdits((ContactEdit(("leftHand", "head"), does="add"),)))
+    with pytest.raises(RetargetError, match="only be added where the whole clip is known"):
+        prepare(actor(), actor("child"), settings).retargeter.step(hands_on_hips().pose(0))
+
+
+def test_where_the_copy_has_no_fault_it_is_the_result():
+    """Onto the performer's own body nothing needs mending; onto a heavier one the frames before the hands arrive do not."""
+    motion = cut(embedded_motion("hands_on_hips"), 0.0, 2.0)
+    same = prepare(actor(), actor(), Interaction()).retargeter
+    assert np.degrees(rot.angle_between(same(motion).motion.rotations, same.copier.clip(motion).motion.rotations)).max() < 0.2
+    onto = prepare(actor(), actor("muscular"), Interaction()).retargeter
+    turned = np.degrees(rot.angle_between(onto(motion).motion.rotations, onto.copier.clip(motion).motion.rotations)).max(axis=1)
+    assert turned[:10].max() < 0.3 and turned[-10:].max() > 3.0
+
+
 def test_a_body_repairs_itself():
     """Copied onto a heavy body, the hands sink in; the same body as its own source comes out clean."""
     copied = prepare(actor(), actor("heavy"), "copy-rotations").retargeter(hands_on_hips()).motion
@@ -231,7 +263,7 @@ def test_a_window_follows_the_one_before():
     frames = 260
     wave = np.sin(np.arange(frames) / 9.0)[:, None] * random.normal(size=equations.size)
     found = [Linearised(np.zeros(equations.size), np.eye(equations.size), row, 0) for row in wave]
-    x = solver.together(np.zeros((frames, equations.size)), found, 30.0)
+    x = solver.together(np.zeros((frames, equations.size)), found, 30.0, np.ones(frames))
     jumps = np.linalg.norm(np.diff(x, n=3, axis=0), axis=1)
     seam = jumps[130:142].max()
     assert seam < 1.5 * jumps[60:120].max()
@@ -247,7 +279,7 @@ def test_equations_may_be_linearised_elsewhere():
     at = 0.01 * random.normal(size=(5, size))
     here = [Linearised(np.zeros(size), m, r, 0) for m, r in zip(matrices, right)]
     there = [Linearised(a, m, r - m @ a, 0) for a, m, r in zip(at, matrices, right)]
-    solutions = [solver.together(np.zeros((5, size)), found, 30.0) for found in (here, there)]
+    solutions = [solver.together(np.zeros((5, size)), found, 30.0, np.ones(5)) for found in (here, there)]
     assert np.abs(solutions[0]).max() > 1e-6
     assert solutions[1] == pytest.approx(solutions[0], abs=1e-9)
 

@@ -10,12 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from retarget.body.skinning import rest_vertices
 from retarget.character import Character
 from retarget.contact.carry import Carried, prepare_carry
 from retarget.contact.sensors import Sensors, dense_layout, place_sensors
 from retarget.correspond.joints import Humanoid
 
 Array = np.ndarray
+
+NEAR = 0.02
+"""Share of a body's size within which a vertex lies where another was carried to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +56,19 @@ class CarriedVertices:
         inside = self.by_sensors.barycentrics[vertices] * shares[..., None]
         return corners.reshape(len(vertices), 3 * vertices.shape[1]), inside.reshape(len(vertices), 3 * vertices.shape[1])
 
-    def nearest(self) -> Int[Array, "vertices"]:
-        """The target's vertex nearest to each of the source's."""
+    def backwards(self) -> Int[Array, "vertices"]:
+        """The source's vertex whose place is nearest to each vertex of the target at rest; -1 where none is near."""
         if self.by_sensors is None:
             return np.arange(len(self.target.mesh.vertices))
-        corner = self.by_sensors.barycentrics.argmax(axis=1)
-        return self.target.mesh.faces[self.by_sensors.faces, corner]
+        from scipy.spatial import cKDTree
+
+        rest, known = rest_vertices(self.target), np.flatnonzero(self.by_sensors.valid)
+        corners = rest[self.target.mesh.faces[self.by_sensors.faces[known]]]
+        places = np.einsum("pk,pki->pi", self.by_sensors.barycentrics[known], corners)
+        if len(known) == 0:
+            return np.full(len(rest), -1)
+        distance, nearest = cKDTree(places).query(rest)
+        return np.where(distance < NEAR * np.ptp(rest, axis=0).max(), known[nearest], -1)
 
 
 def carry_vertices(

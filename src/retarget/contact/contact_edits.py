@@ -17,6 +17,8 @@ Array = np.ndarray
 SLACK = 1.0 / 30.0
 """Seconds around an entry that still belong to it: the list is made at 30 frames a second, and contacts found at a
 higher rate begin and end between its frames."""
+UNLIKELY, LIKELY = 0.25, 0.6
+"""Probabilities that the pose means a contact, below and above which that is settled."""
 BAND = 2.0
 """Contact thresholds above the least distance within which points of an added contact lie."""
 MOST = 64
@@ -37,14 +39,14 @@ class AddedContacts:
     weight: Float[Array, "rows"]
 
 
-def apply_edits(contacts: Contacts, edits: ContactEdits, fps: float) -> Float[Array, "rows"]:
-    """A weight for every row of `contacts`. Without edits the probability p that the pose means it.
+def apply_edits(contacts: Contacts, edits: ContactEdits, fps: float, start: float = 0.0) -> Float[Array, "rows"]:
+    """A weight for every row of `contacts`. Without edits p, the probability that the pose means it, `sharpened`.
 
     'auto' is p pose + (1 - p) girth with the strengths of these kinds (1 and 0 unless given), 'keep' is 1, 'release' 0;
     the last entry that speaks of a row counts. The entry's strength multiplies, and so does, once, each line of
-    [strength] in which one of the two parts takes part.
+    [strength] in which one of the two parts takes part. `start` is the time of the first frame, seconds.
     """
-    probability = contacts.tracks.pose_probability[contacts.track]
+    probability = sharpened(contacts.tracks.pose_probability)[contacts.track]
     own = contacts.tracks.own_part[contacts.track]
     auto = probability * edits.kind("pose") + (1.0 - probability) * edits.kind("girth")
     weight = auto.copy()
@@ -53,10 +55,16 @@ def apply_edits(contacts: Contacts, edits: ContactEdits, fps: float) -> Float[Ar
             continue
         a, b = (PARTS.index(part) for part in edit.parts)
         pair = ((own == a) & (contacts.part == b)) | ((own == b) & (contacts.part == a))
-        chosen = pair & _during(edit, contacts.frame / fps, SLACK)
+        chosen = pair & _during(edit, start + contacts.frame / fps, SLACK)
         weight[chosen] = edit.strength * {"auto": auto[chosen], "keep": 1.0, "release": 0.0}[edit.does]
     strength = np.array([[edits.of_pair((one, other)) for other in PARTS] for one in PARTS])
     return weight * strength[own, contacts.part]
+
+
+def sharpened(probability: Float[Array, "*rows"]) -> Float[Array, "*rows"]:
+    """A probability taken as a decision: 0 up to `UNLIKELY`, 1 from `LIKELY` on. A few points that hardly are meant would
+    pull a limb as far as many that are, only slower."""
+    return np.clip((probability - UNLIKELY) / (LIKELY - UNLIKELY), 0.0, 1.0)
 
 
 def added_contacts(

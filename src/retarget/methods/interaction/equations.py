@@ -9,6 +9,7 @@ analytic (`contact/pair_kernels.py`). After Ye 2024's aim, by a solver of our ow
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -51,6 +52,8 @@ class Weights:
     """A heel, a ball of the foot or a palm that rests on the ground."""
     swinging: float = 1.0
     """A heel or a ball of the foot that does not."""
+    reaching: float = 0.2
+    """A palm that does not: where a belly only pushes an arm out, the hand stays where it was copied to."""
     near: float = 20.0
     """A pair of sensors that are near each other on the source: their distance in radii of the arm."""
     orientation: float = 0.01
@@ -111,6 +114,11 @@ class PoseEquations:
         """Unknowns of a pose."""
         return 3 * len(self.levers.turning) + 3
 
+    @cached_property
+    def nothing(self) -> Linearised:
+        """Of a pose that nothing is asked of."""
+        return Linearised(np.zeros(self.size), np.zeros((self.size, self.size)), np.zeros(self.size), 0)
+
     def pose(
         self, copied: Float[Array, "joints 4"], offsets: Float[Array, "joints 3"], x: Float[Array, "unknowns"]
     ) -> PosedBody:
@@ -148,6 +156,7 @@ class PoseEquations:
         points = self._support(body)
         weights = np.where(goals.resting, self.weights.support, 0.0)
         weights[: 2 * LEGS] = np.maximum(weights[: 2 * LEGS], self.weights.swinging)
+        weights[2 * LEGS :] = np.maximum(weights[2 * LEGS :], self.weights.reaching)
         pair_kernels.add_points(points, goals.support - points, weights, self.carries_point, places, matrix, right)
         pair_kernels.add_orientations(
             body.world, goals.effectors, self.effectors, np.full(len(self.effectors), self.weights.orientation),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from retarget.contact.parts import PARTS
 from retarget.contact.sensor_bones import BONES
 from retarget.contact.sensors import SensorSkinner
 from retarget.contact.support import support_points
+from retarget.errors import RetargetError
 
 if TYPE_CHECKING:
     from retarget.methods.interaction.equations import PoseEquations
@@ -60,6 +61,10 @@ class FrameGoals:
     """Which of them rest on the ground."""
     effectors: Float[Array, "effectors 4"]
     """World rotations of the end effectors as copied."""
+
+    def weakened(self, share: float) -> FrameGoals:
+        """The same goals with contacts and nearness at a share of their weight."""
+        return replace(self, weight=share * self.weight, closeness=share * self.closeness) if share < 1.0 else self
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +138,8 @@ class GoalMaker:
     """Of who performs: the source, or the body that stands in for it."""
     carried: CarriedVertices
     """The performer's vertices on the target."""
-    back: CarriedVertices | None
-    """The target's vertices on the performer; None where they are the same, or depth is not carried."""
+    back: Int[Array, "vertices"]
+    """The performer's vertex for each of the target's, -1 for none: whose depth is allowed there."""
     stood_for: bool
     """Whether the performer only stands in for a source without a surface."""
     may_sink: bool
@@ -174,14 +179,17 @@ class GoalMaker:
         goals = self._goals(self._rows(frames, *rows), self._sunk(contacts, frames), near, copied, equations, touching)
         return contacts, goals
 
-    def online(self, performed: Motion, copied: Motion, equations: PoseEquations) -> ClipGoals:
+    def online(self, performed: Motion, copied: Motion, equations: PoseEquations, seconds: float) -> ClipGoals:
         """The goals of one frame, without past or future: a contact pulls the more the closer it is, and not at all at the
-        threshold, so that none comes or goes at once."""
+        threshold, so that none comes or goes at once. `seconds` is the frame's time. Raises `RetargetError` for edits that
+        add contacts, which join points that come closest over a whole clip."""
+        if any(edit.does == "add" for edit in self.edits.edits):
+            raise RetargetError("contacts can only be added where the whole clip is known, not online")
         pose = world_pose(performed)
         contacts = self.detector.clip(*pose, performed.fps)
         distances = self._distances(contacts)
         closeness = self._closeness(distances, 1.0)
-        weight = apply_edits(contacts, self.edits, performed.fps) * closeness * self._meant(contacts, pose[1])
+        weight = apply_edits(contacts, self.edits, performed.fps, seconds) * closeness * self._meant(contacts, pose[1])
         count = self.detector.thinned.stands_for[contacts.vertex]
         rows = self._rows(
             1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight, count
@@ -205,7 +213,8 @@ class GoalMaker:
             hand = parts.index(f"{side}Hand")
             own = (parts.vertex_parts[vertex] == hand) | (parts.face_parts[face] == hand)
             busy[:, number] = np.bincount(frame[own], weight[own], minlength=frames)
-        return np.minimum(1.0, busy / BUSY)
+        busy = np.minimum(1.0, busy / BUSY)
+        return IDLE + (1.0 - IDLE) * busy
 
     def _goals(self, rows, sunk, near, copied: Motion, equations: PoseEquations, touching) -> ClipGoals:
         rotations, positions = world_pose(copied)
@@ -278,14 +287,11 @@ class GoalMaker:
         rows = np.flatnonzero(contacts.distance < 0) if self.may_sink else np.zeros(0, dtype=np.int64)
         frame, found = contacts.frame[rows], []
         deep = np.zeros(len(self.detector.skinner.character.mesh.vertices))
-        if self.back is not None:
-            nearest, known = self.back.nearest(), self.back.trusted(np.arange(len(self.back.by_sensors.faces)))
         for number in np.unique(frame):
             own = rows[frame == number]
             deep[:] = 0.0
             np.maximum.at(deep, contacts.vertex[own], -contacts.distance[own] * self.size)
-            everywhere = self.detector.thinned.spread(deep)
-            on_target = everywhere if self.back is None else np.where(known, everywhere[nearest], 0.0)
+            on_target = np.where(self.back >= 0, self.detector.thinned.spread(deep)[self.back], 0.0)
             here = np.flatnonzero(on_target > 0)
             found.append((np.full(len(here), number), here, on_target[here]))
         empty = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
@@ -300,6 +306,10 @@ RAMP = 0.13
 TRUNK = [PARTS.index(part) for part in ("chest", "abdomen", "pelvis")]
 BUSY = 5.0
 """The sum of the weights of a hand's contacts from which on it counts as touching in full."""
+
+
+IDLE = 3.0
+"""What a hand that touches nothing counts as: no contact says where it should be, so that what is near says more."""
 
 
 def _fade(frame: Int[Array, "rows"], frames: int, ramp: float) -> Float[Array, "rows"]:

@@ -46,6 +46,8 @@ class Interaction(CopySettings, Method):
     """Leave inside each other, no deeper, what the source has inside itself; else it is taken out."""
     causal: bool = False
     """Solve clips frame by frame without a look ahead, exactly as `step` does."""
+    step_fps: float = 30.0
+    """Frames a second that `step` is called with: what the times of a contacts file mean there."""
 
     def prepare(self, source: Actor, target: Actor) -> PreparedInteraction:
         """Match the bodies. Raises `RetargetError` for a target without a surface."""
@@ -65,12 +67,10 @@ class Interaction(CopySettings, Method):
             arm_radius(performer.character, performer.humanoid, detector.collider.parts),
             arm_radius(target.character, target.humanoid, equations.collider.parts),
         )
-        back, may_sink = None, stand_in is None and self.keep_depth
-        if may_sink and carried.by_sensors is not None:
-            back = carry_vertices(target.character, target.humanoid, performer.character, performer.humanoid)
+        may_sink = stand_in is None and self.keep_depth
         goals = GoalMaker(
-            detector, carried, back, stand_in is not None, may_sink, prepare_sensor_skinning(sensors[0]), hand_pairs(*sensors), radii,
+            detector, carried, carried.backwards(), stand_in is not None, may_sink, prepare_sensor_skinning(sensors[0]), hand_pairs(*sensors), radii,
             size, edits,
         )  # fmt: skip
         copier = prepare_copier(replace(self, foot_lock=self.foot_lock and ground > 0), source, target)
-        return PreparedInteraction(copier, stand_in, goals, prepare_solver(equations), self.causal)
+        return PreparedInteraction(copier, stand_in, goals, prepare_solver(equations), self.causal, self.step_fps)

@@ -11,7 +11,8 @@ from retarget.body import rotations as rot
 from retarget.body.kinematics import local_positions, world_pose
 from retarget.character import Motion, Pose
 from retarget.methods.base import Result, Retargeter
-from retarget.methods.interaction.equations import Linearised, PoseEquations
+from retarget.methods.interaction.equations import PoseEquations
+from retarget.methods.interaction.faults import needs
 from retarget.methods.interaction.goals import ClipGoals, GoalMaker
 from retarget.methods.interaction.report import corrections, remaining
 from retarget.methods.interaction.solve import COLD, FOLLOW, ROUNDS, STAYED, STEADY, TOGETHER, Solver
@@ -36,8 +37,12 @@ class PreparedInteraction(Retargeter):
     goals: GoalMaker
     solver: Solver
     causal: bool
+    step_fps: float
+    """Frames a second that `step` is called with."""
     before: list[Float[Array, "unknowns"]] = field(default_factory=list)
     """The correction of the last online frame."""
+    steps: list[int] = field(default_factory=lambda: [0])
+    """How many online frames there were."""
 
     def __call__(self, motion: Motion) -> Result:
         """Retarget a clip. Raises `RetargetError` as `Copier.clip` does."""
@@ -67,17 +72,21 @@ class PreparedInteraction(Retargeter):
 
     def step(self, pose: Pose) -> Pose:
         """The next pose online, on top of the copied one; starts where the last frame's solution was. Needs no later
-        frame: a contact's pull follows how close the source's surfaces are."""
-        result, x = self._next(pose, self.before[0] if self.before else None)
+        frame: a contact's pull follows how close the source's surfaces are. Times of a contacts file count from the first
+        call. Raises `RetargetError` where one adds contacts."""
+        result, x = self._next(pose, self.before[0] if self.before else None, self.steps[0] / self.step_fps)
         self.before[:] = [x]
+        self.steps[0] += 1
         return result
 
-    def _next(self, pose: Pose, before: Float[Array, "unknowns"] | None) -> tuple[Pose, Float[Array, "unknowns"]]:
+    def _next(
+        self, pose: Pose, before: Float[Array, "unknowns"] | None, seconds: float
+    ) -> tuple[Pose, Float[Array, "unknowns"]]:
         copied, equations = self.copier.step(pose), self.solver.equations
         frame = _one(copied, self.copier.target.skeleton)
         performed = self.stand_in.pose(pose) if self.stand_in else pose
         performer = self.stand_in.actor if self.stand_in else self.copier.source
-        goals = self.goals.online(_one(performed, performer.skeleton), frame, equations)
+        goals = self.goals.online(_one(performed, performer.skeleton), frame, equations, seconds)
         offsets = local_positions(frame.skeleton, frame.translations, frame.moved)[0]
         rounds, start = (COLD, np.zeros(equations.size)) if before is None else (ROUNDS, before)
         x = self.solver.follow(copied.rotations, offsets, goals.frame(0), start, rounds, STEADY)
@@ -87,7 +96,7 @@ class PreparedInteraction(Retargeter):
         """A clip frame by frame."""
         poses, x = [], None
         for number in range(len(motion)):
-            pose, x = self._next(motion.pose(number), x)
+            pose, x = self._next(motion.pose(number), x, number / motion.fps)
             poses.append(pose)
         made = Motion(
             self.copier.target.skeleton,
@@ -98,22 +107,28 @@ class PreparedInteraction(Retargeter):
         return Result(self.copier.target, made, stats={"scale": self.copier.plan.scale})
 
     def _solve(self, copied: Motion, goals: ClipGoals, fps: float) -> Float[Array, "frames unknowns"]:
-        """Frames `KEY` apart one after the other, the rest between them, then all as one problem."""
+        """Frames `KEY` apart one after the other, the rest between them, then all as one problem. Frames without a fault
+        are not looked at: they stay as copied."""
         equations, count = self.solver.equations, len(copied)
         offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
+        need = needs(equations, copied, offsets, goals)
+        wanted = [goals.frame(f).weakened(need[f]) for f in range(count)]
         keys = np.unique(np.append(np.arange(0, count, max(1, round(KEY * fps))), count - 1))
         at_keys, x = [], np.zeros(equations.size)
         for number, frame in enumerate(keys.tolist()):
             rounds, steady = (ROUNDS, FOLLOW) if number else (COLD, 0.0)
-            x = self.solver.follow(copied.rotations[frame], offsets[frame], goals.frame(frame), x, rounds, steady)
+            if need[frame]:
+                x = self.solver.follow(copied.rotations[frame], offsets[frame], wanted[frame], x, rounds, steady)
+            else:
+                x = np.zeros(equations.size)
             at_keys.append(x)
         x = np.stack([np.interp(np.arange(count), keys, column) for column in np.array(at_keys).T], axis=1)
-        found: dict[int, Linearised] = {}
-        for _ in range(TOGETHER):
-            for f in range(count):
-                if f not in found or np.abs(x[f] - found[f].at).max() > STAYED:
-                    found[f] = equations.linearise(copied.rotations[f], offsets[f], goals.frame(f), x[f])
-            x = self.solver.together(x, [found[f] for f in range(count)], fps)
+        found = [equations.nothing] * count
+        for turn in range(TOGETHER):
+            for f in np.flatnonzero(need):
+                if turn == 0 or np.abs(x[f] - found[f].at).max() > STAYED:
+                    found[f] = equations.linearise(copied.rotations[f], offsets[f], wanted[f], x[f])
+            x = self.solver.together(x, found, fps, need)
         return x
 
 

@@ -31,8 +31,13 @@ STEADY = 0.2
 """Weight of closeness to the frame before, likewise, at 30 frames a second, where there is no look ahead."""
 FOLLOW = 0.003
 """The same between the frames that a clip is solved at first."""
-CURVATURE, SPEED = 1.5, 0.02
+CALM = 200.0
+"""How many times more than that where nothing needs to be mended."""
+CURVATURE, SPEED = 3.0, 0.02
 """Weights of the correction's second and first difference over a clip, likewise, at 30 frames a second."""
+SMOOTHER, DEEP = 10.0, 250
+"""How many times more curvature weighs on a frame with `DEEP` penetrating vertices: how far limbs deep inside a trunk are
+from its skin, and in which direction, changes from frame to frame."""
 STIFFNESS = {
     "hips": 3000.0, "spine": 100.0, "chest": 100.0, "upperChest": 100.0, "neck": 20.0, "head": 20.0, "Shoulder": 2.0,
     "Hand": 2.0, "UpperLeg": 100.0, "LowerLeg": 100.0, "Foot": 100.0,
@@ -98,14 +103,15 @@ class Solver:
         return x
 
     def together(
-        self, x: Float[Array, "frames unknowns"], found: Sequence[Linearised], fps: float
+        self, x: Float[Array, "frames unknowns"], found: Sequence[Linearised], fps: float, need: Float[Array, "frames"]
     ) -> Float[Array, "frames unknowns"]:
-        """The corrections of a clip as one problem, from the equations of its frames linearised near `x`."""
+        """The corrections of a clip as one problem, from the equations of its frames linearised near `x`. Where there is
+        less `need` (1 to 0) the copied pose holds more."""
         solved = x.copy()
         for start in range(0, len(x), WINDOW - OVERLAP):
             stop = min(start + WINDOW, len(x))
             known = solved[max(start - 2, 0) : start]  # the curvature runs on from what is solved already
-            solved[start:stop] = self._window(x[start:stop], found[start:stop], known, fps)
+            solved[start:stop] = self._window(x[start:stop], found[start:stop], known, fps, need[start:stop])
             if stop == len(x):
                 break
         step = solved - x
@@ -121,7 +127,7 @@ class Solver:
         return weight, x * np.minimum(share, 1.0)
 
     def _window(
-        self, x: Float[Array, "frames unknowns"], found: Sequence[Linearised], known: Array, fps: float
+        self, x: Float[Array, "frames unknowns"], found: Sequence[Linearised], known: Array, fps: float, need: Array
     ) -> Float[Array, "frames unknowns"]:
         from scipy.linalg import solveh_banded
 
@@ -129,7 +135,10 @@ class Solver:
         curvature, speed = _differences(frames, len(known))
         # Equal curvature and speed cost alike, whatever the frame rate.
         rate = fps / 30.0
-        time = CURVATURE * rate**4 * curvature.T @ curvature + SPEED * rate**2 * speed.T @ speed
+        depth = np.array([min(1.0, each.penetrating / DEEP) for each in found])
+        smooth = CURVATURE * rate**4 * (1.0 + SMOOTHER * np.append(np.zeros(len(known)), depth))
+        rows = smooth[1:-1]  # of the frame in the middle of each second difference
+        time = curvature.T @ (rows[:, None] * curvature) + SPEED * rate**2 * speed.T @ speed
         fixed, time = time[len(known) :, : len(known)], time[len(known) :, len(known) :]
         matrices = np.stack([each.matrix for each in found])
         at = np.stack([each.at for each in found])
@@ -144,7 +153,7 @@ class Solver:
         for apart in range(reach + 1):
             own = np.diagonal(time, -apart)
             band[apart * size, : frames - apart] += own[:, None] * self.stiffness
-        band[0] += PRIOR * self.stiffness + bound + 1e-6
+        band[0] += PRIOR * (1.0 + CALM * (1.0 - need))[:, None] * self.stiffness + bound + 1e-6
         flat = band.reshape(len(band), frames * size)
         return solveh_banded(flat, right.ravel(), lower=True, overwrite_ab=True, check_finite=False).reshape(x.shape)
 
