@@ -17,6 +17,7 @@ from retarget.geometry.topology import (
     proper,
     rim_edges,
     signed_volume,
+    unique_pairs,
     weld,
 )
 
@@ -159,3 +160,10 @@ def test_the_parts_of_a_body_add_up_to_it():
 def test_a_flat_sheet_encloses_nothing():
     vertices, faces = closed(*sheet([0, 0, 0], [1, 0, 0], [0, 1, 0.0]))
     assert abs(signed_volume(vertices, faces)) < 1e-12
+
+
+def test_unique_pairs_are_those_of_unique_rows():
+    pairs = np.random.default_rng(4).integers(0, 9, size=(60, 2)).astype(np.int32)
+    for own, wanted in zip(unique_pairs(pairs), np.unique(pairs, axis=0, return_inverse=True, return_counts=True)):
+        assert np.array_equal(own, wanted.reshape(own.shape))
+    assert [len(each) for each in unique_pairs(pairs[:0])] == [0, 0, 0]

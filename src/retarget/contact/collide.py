@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -212,8 +213,10 @@ class BoxTree:
     counts: Int[Array, "nodes"]
 
 
+@lru_cache(maxsize=8)
 def prepare_collider(character: Character, humanoid: Humanoid, parts: BodyParts | None = None) -> Collider:
-    """Solids, exclusions and search structures of a character. Raises `RetargetError` for one without a surface."""
+    """Solids, exclusions and search structures of a character, kept for the last few. Raises `RetargetError` for one
+    without a surface."""
     parts = body_parts(character, humanoid) if parts is None else parts
     rest = rest_vertices(character)
     corners_of_mesh = parts.welded[character.mesh.faces]

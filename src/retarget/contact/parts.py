@@ -27,6 +27,7 @@ from retarget.geometry.topology import (
     proper,
     rim_edges,
     signed_volume,
+    unique_pairs,
     weld,
 )
 
@@ -230,7 +231,7 @@ def _patches(corners: Array, face_parts: Array) -> Int[Array, "faces"]:
 def _neighbouring_patches(corners: Array, patch: Array) -> dict[int, set[int]]:
     """Patches that share a vertex."""
     pairs = np.stack([corners.ravel(), np.repeat(patch, 3)], axis=1)
-    pairs = np.unique(pairs[pairs[:, 1] >= 0], axis=0)
+    pairs, _, _ = unique_pairs(pairs[pairs[:, 1] >= 0])
     found: dict[int, set[int]] = {}
     for group in np.split(pairs[:, 1], np.flatnonzero(np.diff(pairs[:, 0])) + 1):
         for one in group.tolist() if len(group) > 1 else ():

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from retarget.geometry.topology import unique_pairs
+
 Array = np.ndarray
 
 
@@ -20,7 +22,7 @@ def edge_graph(
     of several counts."""
     from scipy.sparse import csr_matrix
 
-    edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    edges, _, _ = unique_pairs(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1))
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     if bridges is not None:
         edges, lengths = np.concatenate([edges, np.sort(bridges, axis=1)]), np.concatenate([lengths, bridge_lengths])

@@ -53,12 +53,23 @@ def distinct(faces: Int[Array, "faces 3"]) -> Array:
     return kept
 
 
+def unique_pairs(
+    pairs: Int[Array, "pairs 2"],
+) -> tuple[Int[Array, "kept 2"], Int[Array, "pairs"], Int[Array, "kept"]]:
+    """The different rows of pairs of indices in their order, which of them each row is, and how often each comes: what
+    `np.unique(axis=0)` gives, by one number a row, many times as fast."""
+    pairs = pairs.astype(np.int64)
+    side = int(pairs.max(initial=0)) + 1
+    keys, inverse, count = np.unique(pairs[:, 0] * side + pairs[:, 1], return_inverse=True, return_counts=True)
+    return np.stack(np.divmod(keys, side), axis=1), inverse.ravel(), count
+
+
 def is_oriented(faces: Int[Array, "faces 3"]) -> bool:
     """Whether the faces around every edge that is no rim run along it in both directions equally often."""
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     along = np.where(directed[:, 0] < directed[:, 1], 1, -1)
-    _, edge, count = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
-    return not np.bincount(edge.ravel(), weights=along, minlength=len(count))[count % 2 == 0].any()
+    _, edge, count = unique_pairs(np.sort(directed, axis=1))
+    return not np.bincount(edge, weights=along, minlength=len(count))[count % 2 == 0].any()
 
 
 def pieces(faces: Int[Array, "faces 3"], vertices: int) -> Int[Array, "faces"]:
@@ -87,10 +98,10 @@ def rim_edges(faces: Int[Array, "faces 3"]) -> Int[Array, "edges 2"]:
     """
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     undirected = np.sort(directed, axis=1)
-    kept, inverse, count = np.unique(undirected, axis=0, return_inverse=True, return_counts=True)
+    kept, inverse, count = unique_pairs(undirected)
     odd = count % 2 == 1
     forward = np.bincount(
-        inverse.ravel(), weights=np.where(directed[:, 0] == undirected[:, 0], 1, -1), minlength=len(kept)
+        inverse, weights=np.where(directed[:, 0] == undirected[:, 0], 1, -1), minlength=len(kept)
     )
     edges = kept[odd]
     return np.where((forward[odd] > 0)[:, None], edges, edges[:, ::-1])
