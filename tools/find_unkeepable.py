@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 
+from retarget.contact.carried import carry_vertices
 from retarget.evaluate import keepable
 from retarget.evaluate.contact_cases import cases_of, performances
 from retarget.evaluate.touch import observe
@@ -23,8 +24,10 @@ def main() -> None:
         for case in cases_of(performance, quick=False):
             started = time.perf_counter()
             copied = prepare(performance.source, case.target, "copy-rotations", limits=False).retargeter(performance.motion)
-            threshold = touch.detector.threshold * case.target.height / performance.source.height
-            kept = keepable.search(touch, case.target, copied.motion, threshold, SEED)
+            performer = performance.source
+            carried = carry_vertices(performer.character, performer.humanoid, case.target.character, case.target.humanoid)
+            threshold = touch.detector.threshold * case.target.height / performer.height
+            kept = keepable.search(touch, case.target, carried, copied.motion, threshold, SEED)
             tracks = touch.contacts.tracks
             rows = np.unique(np.stack([tracks.vertex[~kept], tracks.part[~kept]], axis=1), axis=0)
             lost[f"{performance.name}/{case.target_name}"] = rows

@@ -7,11 +7,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from made_motions import actor, body, cast_by_names
+from made_motions import actor, body, cast_by_names, walk
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import forward
 from retarget.body.skinning import prepare_skinning
+from retarget.character import Motion
 from retarget.contact.contact_file import ContactEdit, ContactEdits
 from retarget.errors import RetargetError
 from retarget.evaluate.touch import judged_body, observe, prepare_judge
@@ -190,7 +191,7 @@ def test_the_gradient_is_that_of_the_energy(turned):
     equations, motion = prepared.solver.equations, cut(hands_on_hips(), 0.5, 0.5)
     copied = prepared.copier.clip(motion).motion
     _, goals = prepared.goals.clip(motion, copied, equations, None)
-    goals = replace(goals.frame(0), resting=np.ones(6, dtype=bool))
+    goals = replace(goals.frame(0), resting=np.ones(6))
     goals = replace(goals, weight=np.full(len(goals.weight), 0.1))
     offsets = copied.skeleton.offsets.copy()
     offsets[0] = copied.translations[0, 0]
@@ -255,6 +256,38 @@ def test_what_cannot_be_reached_is_told_and_bounded():
     assert result.stats["largest_correction_degrees"] < 100
 
 
+def test_knuckles_bend_around_a_rounder_body():
+    names = {row["joint"] for row in solved("heavy").stats["corrections"]}
+    copied = prepare(actor(), actor("heavy"), "copy-rotations").retargeter(hands_on_hips()).motion
+    knuckle = copied.skeleton.index("leftMiddleProximal")
+    turned = np.degrees(rot.angle_between(copied.rotations[:, knuckle], solved("heavy").motion.rotations[:, knuckle]))
+    assert 1.0 < turned.max() < 45.0 and "leftUpperArm" in names
+
+
+def test_online_a_clip_without_faults_stays_as_copied():
+    free = cut(walk(), 0.0, 0.5)
+    copied = prepare(actor(), actor(), "copy-rotations").retargeter
+    online = prepare(actor(), actor(), Interaction()).retargeter
+    for frame in range(len(free)):
+        apart = rot.angle_between(copied.step(free.pose(frame)).rotations, online.step(free.pose(frame)).rotations)
+        assert np.degrees(apart).max() < 0.05
+
+
+def test_online_feet_on_the_floor_hold():
+    """Hands that come out of a heavy body must not push its feet along."""
+    few = cut(hands_on_hips(), 0.2, 0.7)
+    copied = prepare(actor(), actor("heavy"), "copy-rotations").retargeter
+    online = prepare(actor(), actor("heavy"), Interaction()).retargeter
+    feet = [actor("heavy").skeleton.index(f"{side}Foot") for side in ("left", "right")]
+    for frame in range(len(few)):
+        poses = [each.step(few.pose(frame)) for each in (copied, online)]
+        here, there = (
+            _world(Motion(actor("heavy").skeleton, pose.rotations[None], pose.translations[None], 30.0, pose.moved))[1]
+            for pose in poses
+        )
+        assert np.abs(here[0, feet] - there[0, feet]).max() < 0.003
+
+
 def test_a_window_follows_the_one_before():
     """A long clip is solved in windows; their seams must not show."""
     prepared = prepare(actor(), actor("heavy"), Interaction()).retargeter
@@ -262,7 +295,7 @@ def test_a_window_follows_the_one_before():
     random = np.random.default_rng(0)
     frames = 260
     wave = np.sin(np.arange(frames) / 9.0)[:, None] * random.normal(size=equations.size)
-    found = [Linearised(np.zeros(equations.size), np.eye(equations.size), row, 0) for row in wave]
+    found = [Linearised(np.zeros(equations.size), np.eye(equations.size), row, 0, 0.0) for row in wave]
     x = solver.together(np.zeros((frames, equations.size)), found, 30.0, np.ones(frames))
     jumps = np.linalg.norm(np.diff(x, n=3, axis=0), axis=1)
     seam = jumps[130:142].max()
@@ -277,8 +310,8 @@ def test_equations_may_be_linearised_elsewhere():
     lows = random.normal(size=(5, size, size)) / size
     matrices, right = lows @ lows.transpose(0, 2, 1), 1e-4 * random.normal(size=(5, size))
     at = 0.01 * random.normal(size=(5, size))
-    here = [Linearised(np.zeros(size), m, r, 0) for m, r in zip(matrices, right)]
-    there = [Linearised(a, m, r - m @ a, 0) for a, m, r in zip(at, matrices, right)]
+    here = [Linearised(np.zeros(size), m, r, 0, 0.0) for m, r in zip(matrices, right)]
+    there = [Linearised(a, m, r - m @ a, 0, 0.0) for a, m, r in zip(at, matrices, right)]
     solutions = [solver.together(np.zeros((5, size)), found, 30.0, np.ones(5)) for found in (here, there)]
     assert np.abs(solutions[0]).max() > 1e-6
     assert solutions[1] == pytest.approx(solutions[0], abs=1e-9)

@@ -15,9 +15,11 @@ Array = np.ndarray
 TURNING = (
     "hips", "spine", "chest", "upperChest", "neck", "head",
     *(f"{side}{part}" for side in ("left", "right") for part in (
-        "Shoulder", "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot")),
+        "Shoulder", "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot",
+        "ThumbMetacarpal", "IndexProximal", "MiddleProximal", "RingProximal", "LittleProximal")),
 )  # fmt: skip
-"""The joints that a solver turns, where a body has them; all others go along with the one they hang on."""
+"""The joints that a solver turns, where a body has them; all others go along with the one they hang on. Of fingers only the
+knuckles turn: enough for a hand to lie on a belly rounder than the source's."""
 FAINT = 0.01
 """Share of a vertex below which it does not count as carried by a joint."""
 

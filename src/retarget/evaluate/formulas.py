@@ -46,6 +46,18 @@ FORMULAS = {
     "depth_p95_mm": "depth that 95 % of limb vertices deeper than 1 mm do not exceed, all frames together, mm at 1.7 m; 0 where none is",
     "weight_mse_x100": "100 x mean over vertices of (weight - true weight)^2 of each joint",
     "joint_error_cm": "distance of each rest joint from its true place, cm at 1.7 m",
+    # Of the interaction bench.
+    "two_sided_contact_error": "contact_error charging nearer as well as farther: (target distance / arm radius - source distance / arm radius)^2; mean",
+    "parts_kept": "share of the pairs of parts (times frames) joined by the source's counted contacts that touch anywhere on the result, 0 to 1",
+    "parts_gained_percent": "share of the result's contacts between parts that do not touch on the source's frame, per cent",
+    "contact_error_ratio": "two_sided_contact_error, ours over copy-rotations, means over the bodies as heavy as the performers or heavier; `_slimmer` of heavy performers on slimmer bodies",
+    "penetration_ratio_heavier": "penetration_percent, ours over copy-rotations, likewise; the source's own penetration is in both. `excess_` is the same of excess_penetration_percent, without it",
+    "contacts_kept_foreign": "contacts_kept on other makers' characters, carried by sensors; contacts that a search over all poses within generous bounds cannot bring together are not counted",
+    "jerk_added_mm": "largest |third difference| at 30 frames/s of (result - copy-rotations) of hips, head, hands and feet, mm at 1.7 m; in the summary of authored clips alone, whose sources are almost free of jerk",
+    "displacement_cm": "distance of every humanoid joint from its place under copy-rotations; mean, cm at 1.7 m",
+    "leg_change_deg": "angle between a leg joint's local rotation and that under copy-rotations; mean over hips, knees, ankles and frames, degrees",
+    "no_fault_change_deg": "the largest such angle of any humanoid joint, mean over the frames on which copy-rotations neither penetrates more than the source nor loses a contact nor slides, degrees",
+    "prepare_seconds": "wall time of matching a pair of bodies, from nothing kept",
     # Of one result, as `retarget evaluate` judges it.
     "deepest_mm": "largest depth of any vertex in a part that it does not belong to, mm at 1.7 m",
     "hand_speed_m_s": "speed of both hand joints, mean over frames, m/s; `top` is the highest",

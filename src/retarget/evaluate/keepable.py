@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 from retarget.body import rotations as rot
 from retarget.body.kinematics import forward, joint_transforms, local_positions, local_rotations
 from retarget.character import Character, Motion
+from retarget.contact.carried import CarriedVertices
 from retarget.contact.detect import LEAVE
 from retarget.evaluate.touch import SourceTouch
 from retarget.motion.align import Actor
@@ -79,15 +80,17 @@ class _Points:
         return (self.weights[..., None] * by_joint).sum(axis=1)
 
 
-def search(touch: SourceTouch, target: Actor, copied: Motion, threshold: float, seed: int) -> Bool[Array, "tracks"]:
-    """Which contact tracks some pose of the target brings within `LEAVE` thresholds (metres). Source and target share one
-    topology; `copied` is the source's motion with its rotations copied."""
+def search(
+    touch: SourceTouch, target: Actor, carried: CarriedVertices, copied: Motion, threshold: float, seed: int
+) -> Bool[Array, "tracks"]:
+    """Which contact tracks some pose of the target brings within `LEAVE` thresholds (metres). The source's vertices are
+    `carried` to the target; `copied` is the source's motion with its rotations copied."""
     tracks, faces = touch.contacts.tracks, touch.actor.character.mesh.faces
     if len(tracks.vertex) == 0:
         return np.zeros(0, dtype=bool)
     count = len(tracks.vertex)
-    first = _points(target.character, tracks.vertex[:, None], np.ones((count, 1)))
-    second = _points(target.character, faces[tracks.face], tracks.barycentric)
+    first = _points(target.character, *carried.points(tracks.vertex[:, None], np.ones((count, 1))))
+    second = _points(target.character, *carried.points(faces[tracks.face], tracks.barycentric))
     reached = np.zeros(count, dtype=bool)
     random = np.random.default_rng(seed)
     for start in range(STARTS):

@@ -124,15 +124,19 @@ class TouchJudge:
         first, second, frame = self._carried_contacts(touch, self.skinner.vertices(*world_pose(motion)), countable)
         return np.linalg.norm(first - second, axis=1) > metrics.SLACK * self.threshold, frame
 
-    def gained(self, touch: SourceTouch, motion: Motion) -> float | None:
-        """Contacts of the result between parts that do not touch on the source's frame, per cent of all of the result's:
-        what its girth, or the method, adds."""
-        detector = self._detector
-        found = detector.clip(*world_pose(motion), motion.fps)
-        if len(found.frame) == 0:
-            return 0.0
-        pairs = [_part_pairs(contacts) for contacts in (touch.contacts, found)]
-        return 100.0 * float((~np.isin(pairs[1], pairs[0])).mean())
+    def touching_parts(
+        self, touch: SourceTouch, motion: Motion, countable: Bool[Array, "tracks"] | None
+    ) -> dict[str, float | None]:
+        """Which parts touch, wherever on them: `parts_kept`, the share of the parts (times frames) joined by the source's
+        counted contacts that touch on the result; and `parts_gained_percent`, per cent of the result's contacts between parts
+        that do not touch on the source's frame: what its girth, or the method, adds."""
+        found = self._detector.clip(*world_pose(motion), motion.fps)
+        of_source, of_result = _part_pairs(touch.contacts), _part_pairs(found)
+        meant = np.unique(of_source[touch.pose_rows(countable)])
+        return {
+            "parts_kept": float(np.isin(meant, of_result).mean()) if len(meant) else None,
+            "parts_gained_percent": 100.0 * float((~np.isin(of_result, of_source)).mean()) if len(of_result) else 0.0,
+        }
 
     @cached_property
     def _detector(self) -> ContactDetector:

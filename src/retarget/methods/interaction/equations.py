@@ -30,7 +30,7 @@ MARGIN = 0.0018
 MOST_CONTACT, MOST_REPULSION, MOST_NEAR = 100.0, 250.0, 30.0
 """The sum of weights (before the terms' own) that all contacts, all penetrating vertices and all near pairs have at most: a
 large patch must not outweigh everything else."""
-SLACK = 0.35
+SLACK = 0.1
 """Thresholds that a contact may be off without being pulled."""
 FARTHEST = 4.0
 """Thresholds that a contact may be off before its pull stops growing."""
@@ -48,7 +48,7 @@ class Weights:
     """A contact, across it."""
     repulsion: float = 12.0
     """A penetrating vertex."""
-    support: float = 30.0
+    support: float = 300.0
     """A heel, a ball of the foot or a palm that rests on the ground."""
     swinging: float = 1.0
     """A heel or a ball of the foot that does not."""
@@ -78,6 +78,8 @@ class Linearised:
     right: Float[Array, "unknowns"]
     penetrating: int
     """Vertices nearer to another part than the margin."""
+    deepest: float
+    """How far the deepest of them is inside, beyond what it may, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +119,7 @@ class PoseEquations:
     @cached_property
     def nothing(self) -> Linearised:
         """Of a pose that nothing is asked of."""
-        return Linearised(np.zeros(self.size), np.zeros((self.size, self.size)), np.zeros(self.size), 0)
+        return Linearised(np.zeros(self.size), np.zeros((self.size, self.size)), np.zeros(self.size), 0, 0.0)
 
     def pose(
         self, copied: Float[Array, "joints 4"], offsets: Float[Array, "joints 3"], x: Float[Array, "unknowns"]
@@ -152,9 +154,9 @@ class PoseEquations:
         places = body.places[self.levers.turning]
         self._add_contacts(body, goals, places, matrix, right)
         self._add_near(body, goals, places, matrix, right)
-        penetrating = self._add_repulsion(body, goals, places, matrix, right)
+        penetrating, deepest = self._add_repulsion(body, goals, places, matrix, right)
         points = self._support(body)
-        weights = np.where(goals.resting, self.weights.support, 0.0)
+        weights = self.weights.support * goals.resting
         weights[: 2 * LEGS] = np.maximum(weights[: 2 * LEGS], self.weights.swinging)
         weights[2 * LEGS :] = np.maximum(weights[2 * LEGS :], self.weights.reaching)
         pair_kernels.add_points(points, goals.support - points, weights, self.carries_point, places, matrix, right)
@@ -164,13 +166,13 @@ class PoseEquations:
         )  # fmt: skip
         pair_kernels.mirror_lower(matrix)
         change = _world_from_turns(body.world[self.levers.turning], x)
-        return Linearised(x, change.T @ matrix @ change, change.T @ right, penetrating)
+        return Linearised(x, change.T @ matrix @ change, change.T @ right, penetrating, deepest)
 
     def _add_contacts(self, body: PosedBody, goals: FrameGoals, places: Array, matrix: Array, right: Array) -> None:
         from retarget.contact import pair_kernels
 
         count = len(goals.weight)
-        if count == 0 or not (self.weights.contact or self.weights.across):
+        if not goals.weight.any() or not (self.weights.contact or self.weights.across):
             return
         points, touched, normals, wanted = np.empty((4, count, 3))
         first, second = (goals.first, goals.first_shares), (goals.second, goals.second_shares)
@@ -188,24 +190,25 @@ class PoseEquations:
     def _add_near(self, body: PosedBody, goals: FrameGoals, places: Array, matrix: Array, right: Array) -> None:
         from retarget.contact import pair_kernels
 
-        if not len(goals.apart) or not self.weights.near:
+        total = float(goals.closeness.sum())
+        if total == 0.0 or not self.weights.near:
             return
         first, second = ((self.sensors[own], self.sensor_shares[own]) for own in goals.near)
         points, others = (np.einsum("pc,pci->pi", shares, body.vertices[corners]) for corners, shares in (first, second))
         way = points - others
         distance = np.linalg.norm(way, axis=1)
         direction = way / np.maximum(distance, 1e-9)[:, None]
-        weight = goals.closeness * self.weights.near * min(1.0, MOST_NEAR / float(goals.closeness.sum()))
+        weight = goals.closeness * self.weights.near * min(1.0, MOST_NEAR / total)
         pair_kernels.add_pairs(
             *first, points, *second, others, direction, (goals.apart - distance)[:, None] * direction, weight,
             np.zeros(len(weight)), self.levers.joints, self.levers.weights, places, matrix, right,
         )  # fmt: skip
 
-    def _add_repulsion(self, body: PosedBody, goals: FrameGoals, places: Array, matrix: Array, right: Array) -> int:
+    def _add_repulsion(self, body: PosedBody, goals: FrameGoals, places: Array, matrix: Array, right: Array) -> tuple[int, float]:
         from retarget.contact import pair_kernels
 
         if not self.weights.repulsion:
-            return 0
+            return 0, 0.0
         margin = MARGIN * self.actor.height
         near = self.collider.pairs(body.vertices, margin)
         missing = margin - near.distance
@@ -224,7 +227,7 @@ class PoseEquations:
                 missing[rows, None] * normal, weight, np.zeros(count),
                 self.levers.joints, self.levers.weights, places, matrix, right,
             )  # fmt: skip
-        return count
+        return count, max(float(missing.max(initial=0.0)) - margin, 0.0)
 
     def _support(self, body: PosedBody) -> Float[Array, "points 3"]:
         """Places of heels, balls and palms."""

@@ -21,6 +21,9 @@ MEANT = 0.02
 AROUND = 0.12
 """Seconds around a fault over which the pose leaves the copied one and returns to it."""
 
+FADING = 0.4
+"""Seconds that leaving it, and returning, take online, where no later frame is known."""
+
 
 def needs(
     equations: PoseEquations, copied: Motion, offsets: Float[Array, "frames joints 3"], goals: ClipGoals
@@ -28,7 +31,7 @@ def needs(
     """How much each frame may be changed: 1 where the copied pose has a fault, falling to 0 at `AROUND` from it."""
     still = np.zeros(equations.size)
     faulty = np.array([
-        _has_fault(equations, equations.pose(copied.rotations[f], offsets[f], still), goals.frame(f))
+        has_fault(equations, equations.pose(copied.rotations[f], offsets[f], still), goals.frame(f))
         for f in range(len(copied))
     ])  # fmt: skip
     faults = np.flatnonzero(faulty)
@@ -41,7 +44,8 @@ def needs(
     return np.clip(1.0 - away / AROUND, 0.0, 1.0)
 
 
-def _has_fault(equations: PoseEquations, body: PosedBody, goals: FrameGoals) -> bool:
+def has_fault(equations: PoseEquations, body: PosedBody, goals: FrameGoals) -> bool:
+    """Whether a pose loses a contact it should have, or is deeper inside itself than it may be."""
     return _loses_contact(equations, body, goals) or _is_inside_itself(equations, body, goals)
 
 

@@ -57,8 +57,8 @@ class FrameGoals:
     """What each pair weighs."""
     support: Float[Array, "points 3"]
     """Where heels, balls and palms are copied to, metres."""
-    resting: Bool[Array, "points"]
-    """Which of them rest on the ground."""
+    resting: Float[Array, "points"]
+    """How much each of them rests on the ground, 0 to 1."""
     effectors: Float[Array, "effectors 4"]
     """World rotations of the end effectors as copied."""
 
@@ -113,7 +113,7 @@ class ClipGoals:
     sunk: SunkRows
     near: NearRows
     support: Float[Array, "frames points 3"]
-    resting: Bool[Array, "frames points"]
+    resting: Float[Array, "frames points"]
     effectors: Float[Array, "frames effectors 4"]
 
     def frame(self, number: int) -> FrameGoals:
@@ -179,10 +179,13 @@ class GoalMaker:
         goals = self._goals(self._rows(frames, *rows), self._sunk(contacts, frames), near, copied, equations, touching)
         return contacts, goals
 
-    def online(self, performed: Motion, copied: Motion, equations: PoseEquations, seconds: float) -> ClipGoals:
+    def online(
+        self, performed: Motion, copied: Motion, equations: PoseEquations, seconds: float, floor: float
+    ) -> ClipGoals:
         """The goals of one frame, without past or future: a contact pulls the more the closer it is, and not at all at the
-        threshold, so that none comes or goes at once. `seconds` is the frame's time. Raises `RetargetError` for edits that
-        add contacts, which join points that come closest over a whole clip."""
+        threshold, so that none comes or goes at once; what is near the target's `floor` (metres) rests on it likewise.
+        `seconds` is the frame's time. Raises `RetargetError` for edits that add contacts, which join points that come
+        closest over a whole clip."""
         if any(edit.does == "add" for edit in self.edits.edits):
             raise RetargetError("contacts can only be added where the whole clip is known, not online")
         pose = world_pose(performed)
@@ -195,7 +198,7 @@ class GoalMaker:
             1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight, count
         )
         near = self._near(performed, self._busy_hands(1, contacts.frame, contacts.vertex, contacts.face, weight * count))
-        return self._goals(rows, self._sunk(contacts, 1), near, copied, equations, None)
+        return self._goals(rows, self._sunk(contacts, 1), near, copied, equations, None, floor)
 
     def _near(self, performed: Motion, busy: Float[Array, "frames 2"]) -> NearRows:
         """Sensors of hands and what is near them, as far as the hand is `busy` touching something: a hand that only passes
@@ -216,10 +219,17 @@ class GoalMaker:
         busy = np.minimum(1.0, busy / BUSY)
         return IDLE + (1.0 - IDLE) * busy
 
-    def _goals(self, rows, sunk, near, copied: Motion, equations: PoseEquations, touching) -> ClipGoals:
+    def _goals(
+        self, rows, sunk, near, copied: Motion, equations: PoseEquations, touching, floor: float | None = None
+    ) -> ClipGoals:
         rotations, positions = world_pose(copied)
         support = np.concatenate(support_points(equations.limbs, rotations, positions), axis=1)
-        resting = np.zeros(support.shape[:2], dtype=bool) if touching is None else touching
+        if touching is not None:
+            resting = touching.astype(np.float64)
+        elif floor is not None:
+            resting = np.clip(1.0 - (support[..., 1] - floor) / (LIFTED * equations.actor.height), 0.0, 1.0)
+        else:
+            resting = np.zeros(support.shape[:2])
         return ClipGoals(
             rows, sunk, near, support, resting, np.ascontiguousarray(rotations[:, equations.effectors])
         )
@@ -255,8 +265,9 @@ class GoalMaker:
         return np.clip(1.0 - np.abs(distances) / (reach * self.detector.threshold), 0.0, 1.0) ** 2
 
     def _gap(self, distances: Float[Array, "rows"]) -> Float[Array, "rows"]:
-        """How far apart touching points should be on the target: in radii of the arm, but never farther for its size."""
-        return np.maximum(distances, 0.0) * min(self.size, self.radii[1] / self.radii[0])
+        """How far apart touching points should be on the target: in radii of the arm, but never farther for its size. What
+        the source has inside itself may stay inside."""
+        return distances * min(self.size, self.radii[1] / self.radii[0])
 
     def _rows(
         self,
@@ -304,11 +315,13 @@ RAMP = 0.13
 
 
 TRUNK = [PARTS.index(part) for part in ("chest", "abdomen", "pelvis")]
+LIFTED = 0.03
+"""Share of the height: what is above the floor by this much rests no more, where no later frame tells."""
 BUSY = 5.0
 """The sum of the weights of a hand's contacts from which on it counts as touching in full."""
 
 
-IDLE = 3.0
+IDLE = 6.0
 """What a hand that touches nothing counts as: no contact says where it should be, so that what is near says more."""
 
 

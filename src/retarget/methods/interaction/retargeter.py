@@ -12,10 +12,10 @@ from retarget.body.kinematics import local_positions, world_pose
 from retarget.character import Motion, Pose
 from retarget.methods.base import Result, Retargeter
 from retarget.methods.interaction.equations import PoseEquations
-from retarget.methods.interaction.faults import needs
+from retarget.methods.interaction.faults import FADING, has_fault, needs
 from retarget.methods.interaction.goals import ClipGoals, GoalMaker
 from retarget.methods.interaction.report import corrections, remaining
-from retarget.methods.interaction.solve import COLD, FOLLOW, ROUNDS, STAYED, STEADY, TOGETHER, Solver
+from retarget.methods.interaction.solve import COLD, FOLLOW, ROUNDS, MOST_TOGETHER, STAYED, STEADY, STILL_DEEP, TOGETHER, Solver
 from retarget.motion.copy_clip import Copier
 from retarget.motion.stand_in import StandIn
 
@@ -25,6 +25,16 @@ KEY = 0.2
 """Seconds between the frames that are solved one after the other before the clip is solved as a whole."""
 RATE = 30.0
 """Frames a second that are solved, about; those between follow smoothly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Before:
+    """What a frame leaves to the next, online."""
+
+    x: Float[Array, "unknowns"]
+    """Its correction."""
+    need: float
+    """How much it might be changed, 0 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +49,8 @@ class PreparedInteraction(Retargeter):
     causal: bool
     step_fps: float
     """Frames a second that `step` is called with."""
-    before: list[Float[Array, "unknowns"]] = field(default_factory=list)
-    """The correction of the last online frame."""
+    before: list[Before] = field(default_factory=list)
+    """What the last online frame left."""
     steps: list[int] = field(default_factory=lambda: [0])
     """How many online frames there were."""
 
@@ -74,29 +84,34 @@ class PreparedInteraction(Retargeter):
         """The next pose online, on top of the copied one; starts where the last frame's solution was. Needs no later
         frame: a contact's pull follows how close the source's surfaces are. Times of a contacts file count from the first
         call. Raises `RetargetError` where one adds contacts."""
-        result, x = self._next(pose, self.before[0] if self.before else None, self.steps[0] / self.step_fps)
-        self.before[:] = [x]
+        before = self.before[0] if self.before else None
+        result, self.before[:] = self._next(pose, before, self.steps[0] / self.step_fps, self.step_fps)
         self.steps[0] += 1
         return result
 
-    def _next(
-        self, pose: Pose, before: Float[Array, "unknowns"] | None, seconds: float
-    ) -> tuple[Pose, Float[Array, "unknowns"]]:
+    def _next(self, pose: Pose, before: Before | None, seconds: float, fps: float) -> tuple[Pose, list[Before]]:
         copied, equations = self.copier.step(pose), self.solver.equations
         frame = _one(copied, self.copier.target.skeleton)
         performed = self.stand_in.pose(pose) if self.stand_in else pose
         performer = self.stand_in.actor if self.stand_in else self.copier.source
-        goals = self.goals.online(_one(performed, performer.skeleton), frame, equations, seconds)
+        found = self.goals.online(_one(performed, performer.skeleton), frame, equations, seconds, self.copier.floor)
         offsets = local_positions(frame.skeleton, frame.translations, frame.moved)[0]
-        rounds, start = (COLD, np.zeros(equations.size)) if before is None else (ROUNDS, before)
-        x = self.solver.follow(copied.rotations, offsets, goals.frame(0), start, rounds, STEADY)
-        return corrected(equations, frame, x[None]).pose(0), x
+        goals, still = found.frame(0), np.zeros(equations.size)
+        faulty = has_fault(equations, equations.pose(copied.rotations, offsets, still), goals)
+        if before is None:
+            need = float(faulty)
+            x = self.solver.follow(copied.rotations, offsets, goals.weakened(need), still, COLD, STEADY, need)
+        else:
+            change = 1.0 / max(FADING * fps, 1.0)
+            need = float(np.clip(before.need + (change if faulty else -change), 0.0, 1.0))
+            x = self.solver.follow(copied.rotations, offsets, goals.weakened(need), before.x, ROUNDS, STEADY, need)
+        return corrected(equations, frame, x[None]).pose(0), [Before(x, need)]
 
     def _causal(self, motion: Motion) -> Result:
         """A clip frame by frame."""
-        poses, x = [], None
+        poses, before = [], [None]
         for number in range(len(motion)):
-            pose, x = self._next(motion.pose(number), x, number / motion.fps)
+            pose, before = self._next(motion.pose(number), before[0], number / motion.fps, motion.fps)
             poses.append(pose)
         made = Motion(
             self.copier.target.skeleton,
@@ -110,6 +125,7 @@ class PreparedInteraction(Retargeter):
         """Frames `KEY` apart one after the other, the rest between them, then all as one problem. Frames without a fault
         are not looked at: they stay as copied."""
         equations, count = self.solver.equations, len(copied)
+        deep = STILL_DEEP * equations.actor.height
         offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
         need = needs(equations, copied, offsets, goals)
         wanted = [goals.frame(f).weakened(need[f]) for f in range(count)]
@@ -124,10 +140,15 @@ class PreparedInteraction(Retargeter):
             at_keys.append(x)
         x = np.stack([np.interp(np.arange(count), keys, column) for column in np.array(at_keys).T], axis=1)
         found = [equations.nothing] * count
-        for turn in range(TOGETHER):
-            for f in np.flatnonzero(need):
-                if turn == 0 or np.abs(x[f] - found[f].at).max() > STAYED:
-                    found[f] = equations.linearise(copied.rotations[f], offsets[f], wanted[f], x[f])
+        for turn in range(MOST_TOGETHER):
+            looked_at = [
+                f for f in np.flatnonzero(need).tolist()
+                if turn == 0 or (np.abs(x[f] - found[f].at).max() > STAYED and (turn < TOGETHER or found[f].deepest > deep))
+            ]  # fmt: skip
+            if not looked_at:
+                break
+            for f in looked_at:
+                found[f] = equations.linearise(copied.rotations[f], offsets[f], wanted[f], x[f])
             x = self.solver.together(x, found, fps, need)
         return x
 

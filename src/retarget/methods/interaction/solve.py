@@ -23,8 +23,10 @@ ROUNDS = 2
 """Gauss-Newton steps a frame that starts at the frame before."""
 COLD = 6
 """The same for the first frame, which nothing has warmed."""
-TOGETHER = 2
-"""Gauss-Newton steps of a whole clip."""
+TOGETHER, MOST_TOGETHER = 2, 4
+"""Gauss-Newton steps of a whole clip, and how many there are at most for frames that are still deep inside themselves."""
+STILL_DEEP = 0.003
+"""Share of the height: how deep that is."""
 PRIOR = 0.006
 """Weight of closeness to the copied pose, times the joint's stiffness."""
 STEADY = 0.2
@@ -38,6 +40,9 @@ CURVATURE, SPEED = 3.0, 0.02
 SMOOTHER, DEEP = 10.0, 250
 """How many times more curvature weighs on a frame with `DEEP` penetrating vertices: how far limbs deep inside a trunk are
 from its skin, and in which direction, changes from frame to frame."""
+SMOOTHEST, HOPELESS = 300.0, (0.02, 0.05)
+"""Likewise where some vertex stays inside by the second share of the height, and less down to the first: what no pose can
+free should at least lie still."""
 STIFFNESS = {
     "hips": 3000.0, "spine": 100.0, "chest": 100.0, "upperChest": 100.0, "neck": 20.0, "head": 20.0, "Shoulder": 2.0,
     "Hand": 2.0, "UpperLeg": 100.0, "LowerLeg": 100.0, "Foot": 100.0,
@@ -46,6 +51,7 @@ STIFFNESS = {
 FREE = {
     "hips": 0.12, "spine": 0.15, "chest": 0.15, "upperChest": 0.15, "neck": 0.2, "head": 0.25, "Shoulder": 0.3,
     "UpperArm": 0.9, "LowerArm": 1.1, "Hand": 0.7, "UpperLeg": 0.35, "LowerLeg": 0.45, "Foot": 0.35,
+    "ThumbMetacarpal": 0.5, "IndexProximal": 0.5, "MiddleProximal": 0.5, "RingProximal": 0.5, "LittleProximal": 0.5,
 }  # fmt: skip
 """Radians that each joint may turn away from its copied pose; beyond, `BOUND` pulls it back: what cannot be reached within
 is left, rather than the body be bent out of its pose."""
@@ -84,18 +90,22 @@ class Solver:
         before: Float[Array, "unknowns"],
         rounds: int,
         steady: float,
+        need: float = 1.0,
     ) -> Float[Array, "unknowns"]:
-        """The correction of one frame that starts at, and stays near, that of the frame before."""
-        x = before.copy()
+        """The correction of one frame that starts at, and stays near, that of the frame before. Where there is less `need`
+        (1 to 0) the copied pose holds more; where there is none the pose returns to it, and nothing is looked at."""
+        x, prior = before.copy(), PRIOR * (1.0 + CALM * (1.0 - need))
+        if need == 0.0:
+            return x * (steady / (steady + prior))
         for _ in range(rounds):
             found = self.equations.linearise(copied, offsets, goals, x)
             if not found.penetrating and not len(goals.weight) and not x.any():
                 break
             matrix = found.matrix
             bound, back = self._bound(x)
-            matrix[np.diag_indices(len(x))] += (PRIOR + steady) * self.stiffness + bound + 1e-6
+            matrix[np.diag_indices(len(x))] += (prior + steady) * self.stiffness + bound + 1e-6
             step = _solved(
-                matrix, found.right - self.stiffness * (PRIOR * x + steady * (x - before)) - bound * (x - back)
+                matrix, found.right - self.stiffness * (prior * x + steady * (x - before)) - bound * (x - back)
             )
             x += step * np.minimum(1.0, LONGEST_TURN / np.maximum(_lengths(step), 1e-12))
             if _lengths(step).max() < NOTHING:
@@ -136,7 +146,9 @@ class Solver:
         # Equal curvature and speed cost alike, whatever the frame rate.
         rate = fps / 30.0
         depth = np.array([min(1.0, each.penetrating / DEEP) for each in found])
-        smooth = CURVATURE * rate**4 * (1.0 + SMOOTHER * np.append(np.zeros(len(known)), depth))
+        deepest = np.array([each.deepest for each in found]) / self.equations.actor.height
+        hopeless = np.clip((deepest - HOPELESS[0]) / (HOPELESS[1] - HOPELESS[0]), 0.0, 1.0)
+        smooth = CURVATURE * rate**4 * (1.0 + np.append(np.zeros(len(known)), SMOOTHER * depth + SMOOTHEST * hopeless))
         rows = smooth[1:-1]  # of the frame in the middle of each second difference
         time = curvature.T @ (rows[:, None] * curvature) + SPEED * rate**2 * speed.T @ speed
         fixed, time = time[len(known) :, : len(known)], time[len(known) :, len(known) :]
