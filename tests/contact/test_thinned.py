@@ -23,14 +23,20 @@ def test_kept_vertices_are_apart_and_stand_for_all(skin):
     assert (np.flatnonzero(thinned.stands_for) == np.sort(thinned.kept)).all()
 
 
-def test_values_spread_between_kept_vertices(skin):
+def test_depths_behind_a_plane_are_known_everywhere(skin):
+    """Below a tilted plane every vertex is as deep as its kept neighbours tell, and nothing is known of the rest."""
     thinned = thinned_skin(skin, np.arange(500), 0.1)
-    values = np.zeros(500)
-    values[thinned.kept] = skin[thinned.kept, 0]
-    spread = thinned.spread(values)
-    assert np.abs(spread - skin[:, 0]).max() < 0.1
-    assert spread[thinned.kept] == pytest.approx(skin[thinned.kept, 0], abs=1e-4)
-    assert thinned.spread(np.ones(500)) == pytest.approx(np.ones(500))
+    normal = np.array([0.6, 0.8, 0.0])
+    depth = 0.7 - skin @ normal
+    known = np.full(500, -np.inf)
+    known[thinned.kept] = depth[thinned.kept]
+    normals = np.zeros((500, 3))
+    normals[thinned.kept] = normal
+    assert thinned.depths(known, normals, skin) == pytest.approx(depth)
+    one = np.full(500, -np.inf)
+    one[thinned.kept[0]] = 0.01
+    found = thinned.depths(one, normals, skin)
+    assert (np.isfinite(found) == (thinned.nearest == thinned.kept[0])).all() and 0 < np.isfinite(found).sum() < 100
 
 
 def test_without_spacing_all_are_kept_and_without_vertices_none(skin):

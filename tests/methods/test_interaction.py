@@ -176,12 +176,7 @@ def test_what_the_source_has_inside_itself_is_made_no_deeper_and_left():
     sunk = prepare(actor(), actor("heavy"), "copy-rotations").retargeter(hands_on_hips()).motion
     kept = prepare(actor("heavy"), actor("heavy"), Interaction()).retargeter(sunk).motion
     turned = np.degrees(rot.angle_between(kept.rotations, sunk.rotations))
-    assert turned.mean() < 1.0
-    depths = [
-        judged_body(actor("heavy")).collider.depths(prepare_skinning(actor("heavy").character).vertices(*_world(motion)))
-        for motion in (sunk, kept)
-    ]
-    assert depths[1].max() < depths[0].max() + 0.004
+    assert turned.max() < 0.5
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.2])

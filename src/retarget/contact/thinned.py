@@ -11,8 +11,6 @@ Array = np.ndarray
 
 USUAL = 6900
 """Vertices of the embedded human: points are counted as if every body had as many."""
-AMONG = 3
-"""Kept vertices that a value is interpolated from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +20,22 @@ class ThinnedSkin:
     kept: Int[Array, "kept"]
     stands_for: Float[Array, "vertices"]
     """How many vertices of a body of `USUAL` ones each kept vertex stands for; 0 for the others."""
-    nearest: Int[Array, "vertices among"]
-    """The kept vertices that each vertex is nearest to at rest."""
-    shares: Float[Array, "vertices among"]
-    """Of those, by their nearness; rows sum to 1."""
+    nearest: Int[Array, "vertices"]
+    """The kept vertex that each vertex is nearest to at rest."""
 
-    def spread(self, values: Float[Array, "vertices"]) -> Float[Array, "vertices"]:
-        """A value of the kept vertices on all of them."""
-        return (values[self.nearest] * self.shares).sum(axis=1)
+    def depths(
+        self,
+        depth: Float[Array, "vertices"],
+        normals: Float[Array, "vertices 3"],
+        posed: Float[Array, "vertices 3"],
+    ) -> Float[Array, "vertices"]:
+        """How deep all vertices are inside something, from how deep kept ones are (metres, `-inf` for those that nothing is
+        known of) and its normals there: to first order, as if its surface were flat between them."""
+        known = np.isfinite(depth[self.nearest])
+        nearest = self.nearest[known]
+        found = np.full(len(posed), -np.inf)
+        found[known] = depth[nearest] - ((posed[known] - posed[nearest]) * normals[nearest]).sum(axis=1)
+        return found
 
 
 def thinned_skin(
@@ -41,7 +47,7 @@ def thinned_skin(
 
     places = rest[chosen]
     if len(chosen) == 0:
-        return ThinnedSkin(chosen, np.zeros(len(rest)), np.zeros((len(rest), 1), dtype=np.int64), np.ones((len(rest), 1)))
+        return ThinnedSkin(chosen, np.zeros(len(rest)), np.zeros(len(rest), dtype=np.int64))
     near = cKDTree(places).query_ball_point(places, spacing)
     open_ = np.ones(len(chosen), dtype=bool)
     first = []
@@ -50,9 +56,7 @@ def thinned_skin(
             first.append(number)
             open_[others] = False
     kept = chosen[first]
-    distance, place = cKDTree(rest[kept]).query(rest, k=min(AMONG, len(kept)))
-    distance, place = distance.reshape(len(rest), -1), place.reshape(len(rest), -1)
-    shares = 1.0 / np.maximum(distance, 1e-6)
+    nearest = kept[cKDTree(rest[kept]).query(rest)[1]]
     stands_for = np.zeros(len(rest))
-    np.add.at(stands_for, kept[place[chosen, 0]], USUAL / len(chosen))
-    return ThinnedSkin(kept, stands_for, kept[place], shares / shares.sum(axis=1, keepdims=True))
+    np.add.at(stands_for, nearest[chosen], USUAL / len(chosen))
+    return ThinnedSkin(kept, stands_for, nearest)

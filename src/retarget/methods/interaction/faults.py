@@ -11,8 +11,9 @@ from retarget.methods.interaction.goals import ClipGoals, FrameGoals
 
 Array = np.ndarray
 
-DEEPER_THAN = 0.001
-"""Metres, on a body of `TALL`: what is inside another part by more than this, and more than in the source, is a fault."""
+DEEPER_THAN, ABOUT = 0.0015, 0.1
+"""Metres, on a body of `TALL`: what is inside another part by more than this, and more than in the source, is a fault. How
+deep the source is, is known to about a tenth."""
 TALL = 1.7
 LOST, BEYOND = 1.5, 0.3
 """Thresholds: a contact whose points are farther apart is lost, or farther than it asks for by this much."""
@@ -58,7 +59,7 @@ def _loses_contact(equations: PoseEquations, body: PosedBody, goals: FrameGoals)
         for corners, shares in ((goals.first, goals.first_shares), (goals.second, goals.second_shares))
     )
     apart, threshold = np.linalg.norm(first - second, axis=1), equations.threshold
-    return bool((apart > np.maximum(LOST * threshold, goals.gap[meant] + BEYOND * threshold)).any())
+    return bool((apart > np.maximum(LOST * threshold, np.abs(goals.gap[meant]) + BEYOND * threshold)).any())
 
 
 def _is_inside_itself(equations: PoseEquations, body: PosedBody, goals: FrameGoals) -> bool:
@@ -66,4 +67,4 @@ def _is_inside_itself(equations: PoseEquations, body: PosedBody, goals: FrameGoa
     allowed = np.zeros(len(body.vertices))
     allowed[goals.sunk] = goals.depth
     limit = DEEPER_THAN * equations.actor.height / TALL
-    return bool((-inside.distance - allowed[inside.vertex] > limit).any())
+    return bool((-inside.distance - (1.0 + ABOUT) * allowed[inside.vertex] > limit).any())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from retarget.body import rotations as rot
 from retarget.body.kinematics import world_pose
 from retarget.character import Motion
 from retarget.contact.carried import CarriedVertices
@@ -176,7 +177,7 @@ class GoalMaker:
             order = np.argsort(np.concatenate([rows[0], more[0]]), kind="stable")
             rows = [np.concatenate(pair)[order] for pair in zip(rows, more)]
         near = self._near(performed, self._busy_hands(frames, rows[0], rows[1], rows[2], rows[5] * rows[6]))
-        goals = self._goals(self._rows(frames, *rows), self._sunk(contacts, frames), near, copied, equations, touching)
+        goals = self._goals(self._rows(frames, *rows), self._sunk(contacts, pose), near, copied, equations, touching)
         return contacts, goals
 
     def online(
@@ -198,7 +199,7 @@ class GoalMaker:
             1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight, count
         )
         near = self._near(performed, self._busy_hands(1, contacts.frame, contacts.vertex, contacts.face, weight * count))
-        return self._goals(rows, self._sunk(contacts, 1), near, copied, equations, None, floor)
+        return self._goals(rows, self._sunk(contacts, pose), near, copied, equations, None, floor)
 
     def _near(self, performed: Motion, busy: Float[Array, "frames 2"]) -> NearRows:
         """Sensors of hands and what is near them, as far as the hand is `busy` touching something: a hand that only passes
@@ -293,20 +294,23 @@ class GoalMaker:
             np.ascontiguousarray(faces), gap[kept], weight[kept], count[kept],
         )  # fmt: skip
 
-    def _sunk(self, contacts: Contacts, frames: int) -> SunkRows:
-        """Where the performer is inside itself, on the target: as deep as its tested vertices around."""
-        rows = np.flatnonzero(contacts.distance < 0) if self.may_sink else np.zeros(0, dtype=np.int64)
-        frame, found = contacts.frame[rows], []
-        deep = np.zeros(len(self.detector.skinner.character.mesh.vertices))
-        for number in np.unique(frame):
-            own = rows[frame == number]
-            deep[:] = 0.0
-            np.maximum.at(deep, contacts.vertex[own], -contacts.distance[own] * self.size)
-            on_target = np.where(self.back >= 0, self.detector.thinned.spread(deep)[self.back], 0.0)
+    def _sunk(self, contacts: Contacts, pose: tuple[Array, Array]) -> SunkRows:
+        """Where the performer is inside itself, on the target: as deep as its tested vertices around tell."""
+        skinner, thinned, frames = self.detector.skinner, self.detector.thinned, len(pose[0])
+        found = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))]
+        inside = contacts.frame[contacts.distance < 0] if self.may_sink else contacts.frame[:0]
+        for number in np.unique(inside).tolist():
+            rows = np.arange(*np.searchsorted(contacts.frame, [number, number + 1]))
+            rows = rows[np.argsort(-contacts.distance[rows], kind="stable")]  # the deepest of a vertex is written last
+            posed = skinner.vertices(*(each[number : number + 1] for each in pose))[0].astype(np.float64)
+            a, b, c = posed[skinner.character.mesh.faces[contacts.face[rows]]].transpose(1, 0, 2)
+            depth, normals = np.full(len(posed), -np.inf), np.zeros((len(posed), 3))
+            depth[contacts.vertex[rows]] = -contacts.distance[rows]
+            normals[contacts.vertex[rows]] = rot.unit(np.cross(b - a, c - a))
+            on_target = np.where(self.back >= 0, thinned.depths(depth, normals, posed)[self.back], 0.0)
             here = np.flatnonzero(on_target > 0)
-            found.append((np.full(len(here), number), here, on_target[here]))
-        empty = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
-        frame, vertex, depth = (np.concatenate(column) for column in zip(empty, *found))
+            found.append((np.full(len(here), number), here, self.size * on_target[here]))
+        frame, vertex, depth = (np.concatenate(column) for column in zip(*found))
         return SunkRows(np.searchsorted(frame, np.arange(frames + 1)), vertex, depth)
 
 
