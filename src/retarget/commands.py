@@ -169,6 +169,8 @@ def _report_clip(file: Path, motion: Motion, result: Result, production: Product
     matched = lambda actor: {name: actor.skeleton.names[joint] for name, joint in actor.humanoid.joints.items()}  # noqa: E731
     for note in result.stats["notes"]:
         log.info("%s: %s", file, note)
+    for entry in result.stats.get("contacts_file_without_effect", ()):
+        log.warning("%s [%s]: nothing in this clip for the contacts file's %s", file, motion.name, entry)
     return {
         "motion": str(file),
         "clip": motion.name,

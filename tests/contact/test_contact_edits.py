@@ -8,7 +8,7 @@ import pytest
 from test_contact_list import made_contacts
 
 from retarget.body.kinematics import world_pose
-from retarget.contact.contact_edits import LIKELY, UNLIKELY, added_contacts, apply_edits, sharpened
+from retarget.contact.contact_edits import LIKELY, UNLIKELY, added_contacts, apply_edits, sharpened, without_effect
 from retarget.contact.contact_file import ContactEdit, ContactEdits
 from retarget.contact.detect import prepare_contacts
 from retarget.contact.parts import PARTS
@@ -113,3 +113,19 @@ def test_nothing_added_gives_empty_rows_and_a_missing_part_is_named():
     lacking = replace(detector, collider=replace(detector.collider, parts=replace(parts, vertex_parts=neckless)))
     with pytest.raises(RetargetError, match="leftHand-neck cannot be added: the body has no neck"):
         added_contacts(ContactEdits((ContactEdit(("leftHand", "neck"), does="add"),)), lacking, *pose, FPS)
+
+
+def test_entries_that_speak_of_nothing_in_the_clip_are_named():
+    _, pose, contacts = hands_on_hips()
+    edits = ContactEdits((
+        ContactEdit(("leftHand", "pelvis"), 1.5, 2.5, "release"),
+        ContactEdit(("leftFoot", "head"), does="keep"),
+        ContactEdit(("rightHand", "head"), 0.5, 1.0, "add"),
+        ContactEdit(("rightHand", "head"), 500.0, None, "add"),
+        ContactEdit(("leftHand", "pelvis"), 500.0, 501.0, "release"),
+    ))  # fmt: skip
+    assert without_effect(contacts, edits, FPS, len(pose[0])) == [
+        "keep leftFoot-head from 0 s to the end",
+        "add rightHand-head from 500 s to the end",
+        "release leftHand-pelvis from 500 s to 501 s",
+    ]

@@ -7,7 +7,7 @@ import pytest
 
 from retarget.contact.contact_file import GROUPS, ContactEdit, ContactEdits, read_contacts, write_contacts
 from retarget.contact.contact_list import ContactEvent
-from retarget.errors import FileError
+from retarget.errors import FileError, RetargetError
 
 EVENTS = [
     ContactEvent(("leftHand", "abdomen"), 0.5, 2.25, 12, -0.01, 0.9),
@@ -51,6 +51,30 @@ def test_everything_a_user_may_write(tmp_path):
     assert again == found and hash(again) == hash(found), "a setting of a method is hashable"
 
 
+def test_an_entry_may_be_for_one_clip(tmp_path):
+    edits = read(tmp_path, entry() + "\n" + entry(clip='"walk"', does='"release"'))
+    assert [edit.clip for edit in edits.edits] == [None, "walk"]
+    assert [len(edits.of_clip(name).edits) for name in ("walk", "run", "")] == [2, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("made", "problem"),
+    [
+        (lambda: ContactEdit(("leftHnd", "head")), "part 'leftHnd' is not in the body; nearest: 'leftHand'"),
+        (lambda: ContactEdit(("head", "head")), "cannot touch itself"),
+        (lambda: ContactEdit(("leftHand", "head"), 2.0, 1.0), "start must not be after end; received 2 and 1"),
+        (lambda: ContactEdit(("leftHand", "head"), does="hold"), "does must be one of auto, keep, release, add"),
+        (lambda: ContactEdit(("leftHand", "head"), strength=float("nan")), "strength must be from 0 to 10; received nan"),
+        (lambda: ContactEdit(("leftHand", "head"), gap=0.1), "gap goes with does"),
+        (lambda: ContactEdits(strength=(("leftArn", 1.0),)), "name 'leftArn'.*nearest: 'leftArm'"),
+        (lambda: ContactEdits(strength=(("arms", 11.0),)), "arms must be from 0 to 10; received 11"),
+    ],
+)
+def test_entries_made_in_code_are_checked_like_those_of_files(made, problem):
+    with pytest.raises(RetargetError, match=problem):
+        made()
+
+
 def entry(**changes):
     rows = {"parts": '["leftHand", "head"]', "start": "1.0", "end": "2.0"} | changes
     return "[[contact]]\n" + "\n".join(f"{key} = {value}" for key, value in rows.items())
@@ -74,6 +98,7 @@ def entry(**changes):
         (entry(parts='["leftHnd", "head"]'), r"part 'leftHnd' is not in .*nearest: 'leftHand'"),
         (entry(parts='["leftHand"]'), r"parts must be two names"),
         (entry(parts="3"), r"parts must be two names"),
+        (entry(clip="3"), r"\[\[contact\]\] 1: clip must be the name of one; received 3"),
         (entry(parts='["head", "head"]'), r"cannot touch itself"),
         (entry() + "\n" + entry(start="3.0"), r"\[\[contact\]\] 2: start must not be after end; received 3 and 2"),
         (entry(start='"1"'), r"start must be a number"),

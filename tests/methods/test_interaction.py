@@ -145,6 +145,27 @@ def stepped(retargeter, motion):
     return np.stack([retargeter.step(motion.pose(number)).rotations for number in range(len(motion))])
 
 
+def test_an_entry_for_another_clip_does_nothing_and_one_without_effect_is_told():
+    few = replace(cut(hands_on_hips(), 0.4, 0.7), name="hips")
+    edits = tuple(
+        ContactEdit(("leftHand", part), does="release", clip=clip)
+        for part, clip in (("pelvis", "walk"), ("abdomen", "walk"), ("rightFoot", "hips"))
+    )
+    plain, edited = (
+        prepare(actor(), actor("heavy"), Interaction(contacts=each)).retargeter(few) for each in (None, ContactEdits(edits))
+    )
+    assert np.array_equal(plain.motion.rotations, edited.motion.rotations)
+    assert edited.stats["contacts_file_without_effect"] == ["release leftHand-rightFoot from 0 s to the end"]
+    assert "contacts_file_without_effect" not in plain.stats
+
+
+def test_without_ground_strength_nothing_is_held_down():
+    prepared = prepare(actor(), actor("heavy"), Interaction(contacts=ContactEdits(strength=(("ground", 0.0),)))).retargeter
+    assert prepared.solver.equations.weights.support == 0.0 and not prepared.copier.settings.foot_lock
+    half = prepare(actor(), actor("heavy"), Interaction(contacts=ContactEdits(strength=(("ground", 0.5),)))).retargeter
+    assert half.solver.equations.weights.support == 0.5 * Weights().support and half.copier.settings.foot_lock
+
+
 def test_contacts_are_added_to_whole_clips_only():
     settings = Interaction(contacts=ContactEdits((ContactEdit(("leftHand", "head"), does="add"),)))
     with pytest.raises(RetargetError, match="only be added where the whole clip is known"):

@@ -131,6 +131,22 @@ def _added(
     )  # fmt: skip
 
 
+def without_effect(contacts: Contacts, edits: ContactEdits, fps: float, frames: int) -> list[str]:
+    """Entries that change nothing in a clip, by their parts and times: no frame of it lies within, or nothing touches."""
+    own, names = contacts.tracks.own_part[contacts.track], []
+    for edit in edits.edits:
+        if edit.does == "add":
+            speaks = _during(edit, np.arange(frames) / fps, 0.5 / fps + 1e-6).any()
+        else:
+            a, b = (PARTS.index(part) for part in edit.parts)
+            pair = ((own == a) & (contacts.part == b)) | ((own == b) & (contacts.part == a))
+            speaks = (pair & _during(edit, contacts.frame / fps, SLACK)).any()
+        if not speaks:
+            until = "the end" if edit.end is None else f"{edit.end:g} s"
+            names.append(f"{edit.does} {'-'.join(edit.parts)} from {edit.start or 0.0:g} s to {until}")
+    return names
+
+
 def _during(edit: ContactEdit, seconds: Float[Array, "rows"], slack: float) -> Bool[Array, "rows"]:
     """What lies within an entry's time."""
     start = -np.inf if edit.start is None else edit.start

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 from retarget.contact.contact_list import ContactEvent
 from retarget.contact.parts import PARTS
-from retarget.errors import FileError, unknown_name
+from retarget.errors import FileError, RetargetError, unknown_name
 from retarget.io.whole_file import written_whole
 
 DOES = ("auto", "keep", "release", "add")
@@ -20,7 +21,7 @@ FARTHEST = 1e6
 """Seconds and metres that no file means to exceed."""
 LARGEST = 1_000_000
 """Bytes; a longer file is none of ours."""
-KEYS = ("parts", "start", "end", "does", "strength", "gap", "probability", "points")
+KEYS = ("parts", "clip", "start", "end", "does", "strength", "gap", "probability", "points")
 TABLES = ("contact", "strength")
 KINDS = {"pose": 1.0, "girth": 0.0, "ground": 1.0}
 """Strength of each kind where a file says nothing."""
@@ -40,6 +41,7 @@ HEAD = """\
 # Contacts of the body with itself. Give this file to `retarget run ... --method interaction --contacts FILE`.
 #
 # parts        the two parts that touch: {parts}
+# clip         name of the only clip that the entry is for, where a file holds several (left out: every clip)
 # start, end   seconds from the start of what was taken of the clip; leave both out for all of it
 # does         "auto": as probable as the pose means it; "keep": certainly; "release": not at all;
 #              "add": the parts shall touch though they do not in the source
@@ -58,7 +60,8 @@ HEAD = """\
 
 @dataclass(frozen=True)
 class ContactEdit:
-    """What shall become of the contacts of a pair of parts over a stretch of time."""
+    """What shall become of the contacts of a pair of parts over a stretch of time. Raises `RetargetError` for what makes no
+    sense."""
 
     parts: tuple[str, str]
     start: float | None = None
@@ -69,15 +72,47 @@ class ContactEdit:
     strength: float = 1.0
     gap: float = 0.0
     """Metres, for 'add'."""
+    clip: str | None = None
+    """Name of the only clip that it is for; None for every one."""
+
+    def __post_init__(self) -> None:
+        for part in self.parts:
+            if part not in PARTS:
+                raise unknown_name("part", part, PARTS, "the body")
+        if len(self.parts) != 2 or self.parts[0] == self.parts[1]:
+            raise RetargetError(f"two parts touch, and a part cannot touch itself; received {', '.join(self.parts)}")
+        if self.does not in DOES:
+            raise RetargetError(f"does must be one of {', '.join(DOES)}; received {_shown(self.does)}")
+        for name in ("start", "end", "gap"):
+            if getattr(self, name) is not None:
+                _check_range(name, getattr(self, name), FARTHEST)
+        _check_range("strength", self.strength, STRONGEST)
+        if self.gap and self.does != "add":
+            raise RetargetError(f'gap goes with does = "add" only; received does = "{self.does}"')
+        if (self.start or 0.0) > (math.inf if self.end is None else self.end):
+            raise RetargetError(f"start must not be after end; received {self.start:g} and {self.end:g}")
 
 
 @dataclass(frozen=True)
 class ContactEdits:
-    """A contacts file as read; hashable, so that it can be a setting of a method."""
+    """A contacts file as read; hashable, so that it can be a setting of a method. Raises `RetargetError` for a strength of
+    what has none, or that is out of range."""
 
     edits: tuple[ContactEdit, ...] = ()
     strength: tuple[tuple[str, float], ...] = ()
     """Names with their strength: groups and parts of `GROUPS`, and kinds of `KINDS`."""
+
+    def __post_init__(self) -> None:
+        known = (*(name for name in GROUPS if name not in PARTS), *KINDS, *PARTS)
+        for name, value in self.strength:
+            if name not in known:
+                problem = str(unknown_name("name", name, known, "what has a strength")).split("; ")
+                raise RetargetError("; ".join([*problem[:-1], f"{len(known)} in all: {', '.join(known)}"]))
+            _check_range(name, value, STRONGEST)
+
+    def of_clip(self, name: str) -> ContactEdits:
+        """Those that are for the clip of that name."""
+        return replace(self, edits=tuple(edit for edit in self.edits if edit.clip in (None, name)))
 
     def kind(self, name: str) -> float:
         """Strength of 'pose', 'girth' or 'ground'."""
@@ -116,46 +151,46 @@ def read_contacts(path: str | Path) -> ContactEdits:
         raise FileError(path, "entries must be tables, written [[contact]]", "contact")
     if not isinstance(strength, dict):
         raise FileError(path, f"strength must be a table, written [strength]; received {_shown(strength)}")
-    known = (*(name for name in GROUPS if name not in PARTS), *KINDS, *PARTS)
-    for name, value in strength.items():
-        if name not in known:
-            problem = str(unknown_name("name", name, known, "what has a strength")).split("; ")
-            raise FileError(path, "; ".join([*problem[:-1], f"{len(known)} in all: {', '.join(known)}"]), "[strength]")
-        _number(path, "[strength]", name, value, STRONGEST)
     edits = tuple(_edit(path, f"[[contact]] {number}", row) for number, row in enumerate(rows, 1))
-    return ContactEdits(edits, tuple((name, float(value)) for name, value in strength.items()))
+    known = tuple((name, _number(path, "[strength]", name, value)) for name, value in strength.items())
+    try:
+        return ContactEdits(edits, known)
+    except RetargetError as error:
+        raise FileError(path, str(error), "[strength]") from None
 
 
 def _edit(path: Path, place: str, row: dict[str, Any]) -> ContactEdit:
     for key in row:
         if key not in KEYS:
             raise FileError(path, str(unknown_name("key", key, KEYS, "a contact")), place)
-    parts, does = row.get("parts"), row.get("does", "auto")
+    parts, clip = row.get("parts"), row.get("clip")
     if not isinstance(parts, list) or len(parts) != 2 or not all(isinstance(part, str) for part in parts):
         example = '["leftHand", "abdomen"]'
         raise FileError(path, f"parts must be two names, such as {example}; received {_shown(parts)}", place)
-    for part in parts:
-        if part not in PARTS:
-            raise FileError(path, str(unknown_name("part", part, PARTS, "the body")), place)
-    if parts[0] == parts[1]:
-        raise FileError(path, f"a part cannot touch itself; received {parts[0]!r} twice", place)
-    if does not in DOES:
+    if not isinstance(clip, (str, NoneType)):
+        raise FileError(path, f"clip must be the name of one; received {_shown(clip)}", place)
+    does = row.get("does", "auto")
+    if not isinstance(does, str):
         raise FileError(path, f"does must be one of {', '.join(DOES)}; received {_shown(does)}", place)
-    if "gap" in row and does != "add":
-        raise FileError(path, f'gap goes with does = "add" only; received does = "{does}"', place)
-    given = {key: _number(path, place, key, row[key]) for key in ("start", "end", "gap") if key in row}
-    if given.get("start", 0.0) > given.get("end", math.inf):
-        raise FileError(path, f"start must not be after end; received {given['start']:g} and {given['end']:g}", place)
-    strength = _number(path, place, "strength", row.get("strength", 1.0), STRONGEST)
-    return ContactEdit((parts[0], parts[1]), does=does, strength=strength, **given)
+    given = {key: _number(path, place, key, row[key]) for key in ("start", "end", "strength", "gap") if key in row}
+    try:
+        return ContactEdit((parts[0], parts[1]), does=does, clip=clip, **given)
+    except RetargetError as error:
+        raise FileError(path, str(error), place) from None
 
 
-def _number(path: Path, place: str, name: str, value: Any, most: float = FARTHEST) -> float:
+def _number(path: Path, place: str, name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise FileError(path, f"{name} must be a number; received {_shown(value)}", place)
+    try:
+        return float(value)
+    except OverflowError:
+        raise FileError(path, f"{name} must be from 0; received {_shown(value)}", place) from None
+
+
+def _check_range(name: str, value: float, most: float) -> None:
     if not 0.0 <= value <= most:
-        raise FileError(path, f"{name} must be from 0 to {most:g}; received {_shown(value)}", place)
-    return float(value)
+        raise RetargetError(f"{name} must be from 0 to {most:g}; received {value:g}")
 
 
 def _shown(value: Any) -> str:

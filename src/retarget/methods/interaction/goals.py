@@ -158,19 +158,20 @@ class GoalMaker:
     def clip(
         self, performed: Motion, copied: Motion, equations: PoseEquations, touching: Bool[Array, "frames points"] | None
     ) -> tuple[Contacts, ClipGoals]:
-        """The goals of a clip, and the contacts that were found. A contact's pull grows over `RAMP` seconds after it began,
+        """The goals of a clip, and the contacts that were found; of the entries of a contacts file, those for all clips and
+        for the one of the performed motion's name. A contact's pull grows over `RAMP` seconds after it began,
         and fades before it ends. `touching` are the ground contacts of the target's support points, where known."""
         pose, fps, frames = world_pose(performed), performed.fps, len(performed)
-        contacts = self.detector.clip(*pose, fps)
+        contacts, edits = self.detector.clip(*pose, fps), self.edits.of_clip(performed.name)
         tracks, track = contacts.tracks, contacts.track
         distances = self._distances(contacts)
         closeness = self._closeness(distances, 2.0)
         since, until = contacts.frame - tracks.start[track] + 1, tracks.stop[track] - contacts.frame
         ramp = np.clip(np.minimum(since, until) / max(RAMP * fps, 1.0), 0.0, 1.0)
-        weight = apply_edits(contacts, self.edits, fps) * closeness * ramp * self._meant(contacts, pose[1])
+        weight = apply_edits(contacts, edits, fps) * closeness * ramp * self._meant(contacts, pose[1])
         count = self.detector.thinned.stands_for[contacts.vertex]
         rows = [contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight, count]
-        added = added_contacts(self.edits, self.detector, *pose, fps)
+        added = added_contacts(edits, self.detector, *pose, fps)
         if len(added.frame):
             fade = _fade(added.frame, frames, RAMP * fps)
             more = (added.frame, added.vertex, added.face, added.barycentric, added.gap * self.size, fade * added.weight, np.ones(len(fade)))
@@ -187,13 +188,14 @@ class GoalMaker:
         threshold, so that none comes or goes at once; what is near the target's `floor` (metres) rests on it likewise.
         `seconds` is the frame's time. Raises `RetargetError` for edits that add contacts, which join points that come
         closest over a whole clip."""
-        if any(edit.does == "add" for edit in self.edits.edits):
+        edits = self.edits.of_clip("")
+        if any(edit.does == "add" for edit in edits.edits):
             raise RetargetError("contacts can only be added where the whole clip is known, not online")
         pose = world_pose(performed)
         contacts = self.detector.clip(*pose, performed.fps)
         distances = self._distances(contacts)
         closeness = self._closeness(distances, 1.0)
-        weight = apply_edits(contacts, self.edits, performed.fps, seconds) * closeness * self._meant(contacts, pose[1])
+        weight = apply_edits(contacts, edits, performed.fps, seconds) * closeness * self._meant(contacts, pose[1])
         count = self.detector.thinned.stands_for[contacts.vertex]
         rows = self._rows(
             1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight, count

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from retarget.body import rotations as rot
 from retarget.body.kinematics import local_positions, world_pose
 from retarget.character import Motion, Pose
+from retarget.contact.contact_edits import without_effect
 from retarget.methods.base import Result, Retargeter
 from retarget.methods.interaction.equations import PoseEquations
 from retarget.methods.interaction.faults import FADING, has_fault, needs
@@ -64,7 +65,8 @@ class PreparedInteraction(Retargeter):
         frames, fps = _frames(copied.motion, chosen), motion.fps / stride
         touching = None if copied.contacts is None else copied.contacts.touching[chosen]
         performed = self.stand_in.motion(motion) if self.stand_in else motion
-        found, goals = self.goals.clip(replace(_frames(performed, chosen), fps=fps), frames, self.solver.equations, touching)
+        performed = replace(_frames(performed, chosen), fps=fps, name=motion.name)
+        found, goals = self.goals.clip(performed, frames, self.solver.equations, touching)
         x = self._solve(frames, goals, fps)
         if self.copier.settings.in_place:
             x[:, [-3, -1]] = 0.0  # across the ground the body stays where it is
@@ -74,6 +76,9 @@ class PreparedInteraction(Retargeter):
         }
         status, left = remaining(self.solver.equations, frames, goals, x, chosen / motion.fps)
         stats |= left
+        idle = without_effect(found, self.goals.edits.of_clip(motion.name), fps, len(chosen))
+        if idle:
+            stats["contacts_file_without_effect"] = idle
         if self.stand_in:
             stats["stand_in"] = list(self.stand_in.notes)
         if len(chosen) < len(motion):
