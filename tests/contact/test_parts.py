@@ -130,6 +130,14 @@ def hand_place(side="left"):
     return rest_pose(skeleton)[1][skeleton.index(f"{side}Hand")]
 
 
+@pytest.mark.parametrize(("length", "kind"), [(1.2, "prop"), (0.2, "body")])
+def test_what_a_hand_moves_is_held_if_it_is_longer_than_an_arm(length, kind):
+    """A sword bound to the hand itself, and a knob that might be a cartoon's fingers."""
+    blade = box(hand_place() - [0.03, 0.03, 0.1], hand_place() + [0.03, 0.03, length - 0.1])
+    found = parts_of(with_piece(body("average"), blade, {"leftHand": 1.0}))
+    assert found.piece_kinds == ("body", kind)
+
+
 def test_what_is_held_on_a_joint_of_its_own_is_a_prop_and_leaves_the_hand_alone():
     armed = with_joint(body("average"), "sword_slot", "leftHand", [0.05, 0, 0])
     blade = box(hand_place() - [0.3, 0.6, 0.02], hand_place() + [0.3, 0.6, 0.02])

@@ -7,10 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from made_bodies import box, with_faces, with_piece
 from made_motions import actor, body, cast_by_names, walk
 
 from retarget.body import rotations as rot
-from retarget.body.kinematics import forward
+from retarget.body.kinematics import forward, rest_pose
 from retarget.body.skinning import prepare_skinning
 from retarget.character import Motion
 from retarget.contact.contact_file import ContactEdit, ContactEdits
@@ -261,6 +262,34 @@ def test_a_contact_pulls_gradually_after_it_began():
     sums = np.array([goals.frame(number).weight.sum() for number in range(len(motion))])
     assert sums.max() > 0
     assert np.abs(np.diff(sums)).max() < 0.5 * sums.max()
+
+
+def test_a_sword_in_the_hand_is_neither_moved_out_of_the_way_nor_taken_for_fingers():
+    hand = rest_pose(actor("heavy").skeleton)[1][actor("heavy").skeleton.index("leftHand")]
+    blade = box(hand - [0.03, 0.03, 0.1], hand + [0.03, 0.03, 1.2])
+    armed = cast_by_names(with_piece(body("heavy"), blade, {"leftHand": 1.0}))
+    result = prepare(actor(), armed, Interaction()).retargeter(hands_on_hips())
+    assert result.status == "ok"
+    places = [_world(each)[1][15, actor("heavy").skeleton.index("leftHand")] for each in (result.motion, solved("heavy").motion)]
+    assert np.linalg.norm(places[0] - places[1]) < 0.03, "the hand lies where it would without the sword"
+
+
+@pytest.mark.parametrize("parts", [("LowerArm", "Hand", "Thumb", "Index", "Middle", "Ring", "Little"), ("Leg", "Foot", "Toes"), ("ip", "pine", "hest")])
+def test_bones_without_a_surface_are_no_trouble(parts):
+    """Forearms and hands, legs, the trunk: as the target, and as the source."""
+    few = cut(hands_on_hips(), 0.4, 0.7)
+    bare = cast_by_names(_without_surface(body("heavy"), parts))
+    for source, target in ((actor(), bare), (bare, actor("average"))):
+        prepared = prepare(source, target, Interaction()).retargeter
+        result = prepared(few if source is actor() else Motion(bare.skeleton, few.rotations, few.translations, few.fps, few.moved))
+        assert np.isfinite(result.motion.rotations).all() and np.isfinite(result.motion.translations).all()
+
+
+def _without_surface(character, parts):
+    skin, names = character.skin, character.skeleton.names
+    lead = skin.joints[np.take_along_axis(skin.columns, skin.weights.argmax(1)[:, None], 1)[:, 0]]
+    gone = np.isin(lead, [joint for joint, name in enumerate(names) if any(part in name for part in parts)])
+    return with_faces(character, character.mesh.faces[~gone[character.mesh.faces].any(axis=1)])
 
 
 def test_what_cannot_be_reached_is_told_and_bounded():

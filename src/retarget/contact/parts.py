@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from retarget.body.kinematics import rest_pose
 from retarget.body.skinning import rest_vertices
 from retarget.character import Character, Mesh, Skeleton
 from retarget.correspond.joints import Humanoid
@@ -64,6 +65,8 @@ ISLAND = 0.1
 """Share of a part's largest patch on the body below which a patch of its own is given to what surrounds it. Ours."""
 OWN_JOINTS = 0.9
 """Share of a piece's weight on joints that are no human's (hair, capes, weapons) from which on it is not body."""
+HELD = 1.5
+"""Forearms that a piece which only a hand moves is long, from which on the hand holds it. Ours."""
 
 _THINGS: tuple[tuple[str, str], ...] = (
     ("hair", r"hair|ponytail|pigtail|braid|bangs|beard|moustache|eyebrow|eyelash|lashes"),
@@ -257,6 +260,7 @@ def _kinds(
     foreign = _foreign_joints(skeleton, humanoid)
     foreign_share = _weight_by(skin, foreign[skin.joints].astype(int), 2, len(rest))[:, 1]
     area = areas(rest, corners)
+    held = held_pieces(character, humanoid, rest, corners, face_pieces)
     kinds = []
     for piece in range(int(face_pieces.max()) + 1 if len(face_pieces) else 0):
         own = np.flatnonzero(face_pieces == piece)
@@ -266,9 +270,32 @@ def _kinds(
             kinds.append(material or _thing(joints) or "prop")
         elif _is_sheet(rest, corners[own], float(area[own].sum())):
             kinds.append("sheet")
+        elif held[piece]:
+            kinds.append(material or "prop")
         else:  # clothes that enclose a volume may be all the body there is
             kinds.append("hair" if material == "hair" else "body")
     return tuple(kinds)
+
+
+def held_pieces(
+    character: Character, humanoid: Humanoid, rest: Array, corners: Array, face_pieces: Array
+) -> Bool[Array, "pieces"]:
+    """Which pieces of a surface (-1 where a face has none) are no hand but what one holds: a hand alone moves them, and they
+    are too long (`HELD`)."""
+    count = int(face_pieces.max(initial=-1)) + 1
+    held, counted = np.zeros(count, dtype=bool), face_pieces >= 0
+    number, corners = face_pieces[counted], corners[counted]
+    places, own = rest_pose(character.skeleton)[1], weight_by_part(character, humanoid)
+    for side in ("left", "right"):
+        ends = [humanoid.joints.get(f"{side}{name}") for name in ("LowerArm", "Hand")]
+        if None in ends:
+            continue
+        longest = HELD * float(np.linalg.norm(places[ends[0]] - places[ends[1]]))
+        share = own[:, PARTS.index(f"{side}Hand")][corners].mean(axis=1)
+        moved = np.bincount(number, share, count) > OWN_JOINTS * np.maximum(np.bincount(number, minlength=count), 1)
+        for piece in np.flatnonzero(moved).tolist():
+            held[piece] |= bool(np.linalg.norm(np.ptp(rest[corners[number == piece]].reshape(-1, 3), axis=0)) > longest)
+    return held
 
 
 def _is_sheet(rest: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], area: float) -> bool:

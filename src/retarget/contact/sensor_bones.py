@@ -22,6 +22,7 @@ from retarget.body import rotations as rot
 from retarget.body.kinematics import forward, local_rotations, rest_pose
 from retarget.body.skinning import prepare_skinning
 from retarget.character import Character
+from retarget.contact.parts import held_pieces
 from retarget.correspond.joints import Humanoid
 from retarget.errors import RetargetError
 
@@ -116,7 +117,7 @@ def stand(character: Character, humanoid: Humanoid) -> Stance:
         raise RetargetError(f"{character.name or 'the character'} has a surface without height; sensors need a body")
     place = welded(rest, height)
     faces = character.mesh.faces
-    body = _body_faces(character, humanoid, place)
+    body = _body_faces(character, humanoid, rest, place)
     turns = _RestBody(humanoid.joints, positions, rest, faces[body], pools, world_from_body).turns()
 
     own = {humanoid.joints[name]: turn for name, turn in turns.items()}
@@ -249,8 +250,9 @@ def welded(vertices: Array, height: float) -> Int[Array, "vertices"]:
     return place.reshape(-1)
 
 
-def _body_faces(character: Character, humanoid: Humanoid, place: Array) -> Bool[Array, "faces"]:
-    """Which faces lie on a connected piece that follows a joint of the body itself, or one between two of them."""
+def _body_faces(character: Character, humanoid: Humanoid, rest: Array, place: Array) -> Bool[Array, "faces"]:
+    """Which faces lie on a connected piece that follows a joint of the body itself, or one between two of them, and is not
+    held in a hand."""
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
 
@@ -268,7 +270,10 @@ def _body_faces(character: Character, humanoid: Humanoid, place: Array) -> Bool[
     count, piece = connected_components(graph, directed=False)
     kept = np.zeros(count, dtype=bool)
     kept[piece[place[bodily]]] = True
-    return kept[piece[faces[:, 0]]]
+    own = piece[faces[:, 0]]
+    held = held_pieces(character, humanoid, rest, character.mesh.faces, own)
+    kept[: len(held)] &= ~held
+    return kept[own]
 
 
 def vertex_normals(vertices: Array, faces: Array, place: Array) -> Float[Array, "vertices 3"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -155,6 +156,11 @@ class GoalMaker:
     """Height of the target over the performer's."""
     edits: ContactEdits
 
+    @cached_property
+    def girth(self) -> float:
+        """Arm radius of the target over the performer's; the ratio of heights where an arm has no surface."""
+        return self.radii[1] / self.radii[0] if min(self.radii) > 0 else self.size
+
     def clip(
         self, performed: Motion, copied: Motion, equations: PoseEquations, touching: Bool[Array, "frames points"] | None
     ) -> tuple[Contacts, ClipGoals]:
@@ -207,7 +213,7 @@ class GoalMaker:
         """Sensors of hands and what is near them, as far as the hand is `busy` touching something: a hand that only passes
         by is left alone."""
         places, _ = self.sensors.pose(*world_pose(performed))
-        reach, ratio = 2.0 * self.radii[0], self.radii[1] / self.radii[0]
+        reach, ratio = 2.0 * self.radii[0], self.girth
         side = np.char.startswith(np.array(BONES)[self.sensors.sensors.layout.bones[self.pairs[0]]], "right").astype(int)
         return near_rows(places, self.pairs, reach, ratio, busy[:, side])
 
@@ -270,7 +276,7 @@ class GoalMaker:
     def _gap(self, distances: Float[Array, "rows"]) -> Float[Array, "rows"]:
         """How far apart touching points should be on the target: in radii of the arm, but never farther for its size. What
         the source has inside itself may stay inside."""
-        return distances * min(self.size, self.radii[1] / self.radii[0])
+        return distances * min(self.size, self.girth)
 
     def _rows(
         self,
