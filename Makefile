@@ -25,10 +25,12 @@ demo: setup
 test: setup
 	@$(BIN)/python -m pytest -n 2
 	@$(BIN)/retarget bench contact --quick --gate
+	@$(BIN)/retarget bench interaction --quick --gate
 
 bench: setup
 	@$(BIN)/retarget bench skeletal
 	@$(BIN)/retarget bench contact
+	@$(BIN)/retarget bench interaction
 
 clean:
 	rm -rf $(VENV) out build *.egg-info src/*.egg-info

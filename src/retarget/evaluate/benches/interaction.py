@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from retarget.body.kinematics import world_pose
+from retarget.contact.collide import prepare_collider
 from retarget.evaluate import metrics
 from retarget.evaluate.benches.collision import refined
 from retarget.evaluate.benches.contact import by_split, foot_slide, jerk_ratio
@@ -291,6 +292,7 @@ def _speed(quick: bool, tell: Tell) -> dict[str, float | None]:
         heavy, source = embedded_actor("heavy"), thin
         if vertices:
             heavy, source = (cast(refined(actor.character, vertices)) for actor in (heavy, thin))
+        prepare_collider.cache_clear()
         start = time.perf_counter()
         prepared = Interaction().prepare(source, heavy)
         found[f"prepare_seconds_{key}"] = time.perf_counter() - start
