@@ -19,7 +19,7 @@ LOST, BEYOND = 1.5, 0.3
 """Thresholds: a contact whose points are farther apart is lost, or farther than it asks for by this much."""
 MEANT = 0.02
 """Contacts that weigh less are no reason to change a pose."""
-AROUND = 0.12
+AROUND = 0.1
 """Seconds around a fault over which the pose leaves the copied one and returns to it."""
 
 FADING = 0.4

@@ -33,7 +33,7 @@ STEADY = 0.2
 """Weight of closeness to the frame before, likewise, at 30 frames a second, where there is no look ahead."""
 FOLLOW = 0.003
 """The same between the frames that a clip is solved at first."""
-CALM = 200.0
+CALM = 400.0
 """How many times more than that where nothing needs to be mended."""
 CURVATURE, SPEED = 3.0, 0.02
 """Weights of the correction's second and first difference over a clip, likewise, at 30 frames a second."""
