@@ -25,3 +25,9 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip("real files are not at hand")
     return DATA
+
+
+@pytest.fixture(scope="session")
+def data_or_none() -> Path | None:
+    """The folder of real files, None where it is absent."""
+    return DATA if DATA.is_dir() else None

@@ -11,7 +11,7 @@ from typing import Any
 
 from retarget.character import Motion
 from retarget.errors import FileError, MatchError, RetargetError
-from retarget.io import MOTION_SUFFIXES, check_output, load
+from retarget.io import MOTION_SUFFIXES, WRITTEN_SUFFIXES, check_output, load
 from retarget.io.asset import Asset
 from retarget.io.whole_file import written_whole
 from retarget.methods import Result, save_results
@@ -111,7 +111,7 @@ def _write(path: Path, waiting: list[Result], order: Order, done: list[dict]) ->
 
 
 def _suffix(target: Path) -> str:
-    return target.suffix.lower() if target.suffix.lower() in MOTION_SUFFIXES else ".glb"
+    return target.suffix.lower() if target.suffix.lower() in WRITTEN_SUFFIXES else ".glb"
 
 
 def _motion_files(inputs: tuple[Path, ...]) -> Iterator[Path]:

@@ -14,13 +14,16 @@ from retarget.io.asset import Asset
 # Module that reads each suffix; imported only when a file of that kind is met.
 READERS = {
     ".bvh": "retarget.io.bvh",
+    ".fbx": "retarget.io.fbx",
     ".glb": "retarget.io.gltf",
     ".gltf": "retarget.io.gltf",
     ".obj": "retarget.io.obj_ply",
     ".ply": "retarget.io.obj_ply",
 }
-MOTION_SUFFIXES = (".bvh", ".glb", ".gltf")
+MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf")
 """Formats that can hold animation."""
+WRITTEN_SUFFIXES = (".bvh", ".glb", ".gltf")
+"""Those of them that are written."""
 
 
 def load(path: str | Path) -> Asset:
@@ -71,9 +74,9 @@ def save(
 def check_output(path: str | Path) -> None:
     """Refuse an output that could not be written, before any work is done. Raises `FileError`."""
     path = Path(path)
-    if path.suffix.lower() not in MOTION_SUFFIXES:
+    if path.suffix.lower() not in WRITTEN_SUFFIXES:
         raise FileError(
-            path, f"cannot write {path.suffix or 'a file without suffix'!r}; use {', '.join(MOTION_SUFFIXES)}"
+            path, f"cannot write {path.suffix or 'a file without suffix'!r}; use {', '.join(WRITTEN_SUFFIXES)}"
         )
     if path.is_dir():
         raise FileError(path, "is a folder")

@@ -40,7 +40,11 @@ def load(path: str | Path) -> Asset:
 
     Raises `FileError` for whatever cannot be read, with its place in the file.
     """
-    document = read_document(Path(path))
+    return from_document(read_document(Path(path)))
+
+
+def from_document(document: Document) -> Asset:
+    """What a parsed document holds; as `load`."""
     tree = read_tree(document)
     in_skins = {node for skin in document.entries("skins") for node in skin["joints"]}
     nodes = joint_nodes(document, tree, moving_nodes(document, animated_nodes(document) - in_skins))

@@ -1,0 +1,59 @@
+"""FBX, read by ufbx in a process of its own and taken as the glTF it would be.
+
+The binding of ufbx can take the whole process down with it, and FBX files come from everywhere: `fbx_child.py` runs under
+limits of memory and time, writes a GLB, and what it cannot read is one line here. From there on the file is a glTF document:
+one reader interprets bind poses, scales, clips and weights, and a result is written as GLB with the character as it was.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from retarget.errors import FileError
+from retarget.io import gltf
+from retarget.io.asset import Asset
+from retarget.io.gltf_document import read_document
+
+CHILD = Path(__file__).with_name("fbx_child.py")
+SECONDS = 120.0
+"""How long reading may take."""
+LARGEST = 1 << 30
+"""Bytes of a file that is tried."""
+
+
+def load(path: str | Path) -> Asset:
+    """Read an .fbx file, ASCII or binary: meshes with base colours, skeleton, skin, and every animation stack by its name,
+    sampled at the file's frame rate. Units and axes are the file's own, brought to metres with +Y up; textures, morph
+    targets and cameras are left out. Raises `FileError` for what cannot be read, is too large, or takes too long."""
+    path = Path(path)
+    size = path.stat().st_size
+    if size > LARGEST:
+        raise FileError(path, f"has {size} bytes; FBX files of up to {LARGEST} are read")
+    with tempfile.TemporaryDirectory(prefix="retarget-") as folder:
+        output = Path(folder) / "converted.glb"
+        told = _convert(path, output)
+        document = replace(read_document(output), path=path)
+    asset = gltf.from_document(document)
+    said = f"FBX {told['version'] / 1000:g}, {told['unit_m']:g} m a unit, up {told['up'].lower()}, {told['fps']:g} frames a second"
+    return replace(asset, notes=(said, *told["notes"], *asset.notes))
+
+
+def _convert(path: Path, output: Path) -> dict[str, Any]:
+    """Run the child; returns what it says of the file."""
+    command = [sys.executable, "-I", str(CHILD), str(path.resolve()), str(output)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, stdin=subprocess.DEVNULL)
+    except subprocess.TimeoutExpired:
+        raise FileError(path, f"takes longer than {SECONDS:g} s to read; it is damaged, or larger than any we know") from None
+    if done.returncode == 0 and output.exists():
+        return json.loads(done.stdout)
+    if "No module named 'ufbx'" in done.stderr:
+        raise FileError(path, "needs the package ufbx to be read: pip install ufbx==0.0.5")
+    reason = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "the reader stopped without a word"
+    raise FileError(path, f"cannot be read as FBX ({reason}); export it again, as binary FBX 7.4 or as GLB")

@@ -1,0 +1,85 @@
+"""Damaged FBX files: whatever they do to the reader's process, here they are a character, a mesh, or one line."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fbx_maker import document
+
+from retarget.errors import RetargetError
+from retarget.io import gltf
+
+HERE = Path(__file__).parent
+MUTATIONS = int(os.environ.get("RETARGET_MUTATIONS", 2000))
+SECONDS = 20.0
+"""For one file."""
+
+
+def damaged(content, random):
+    """The bytes with a few changed, cut out, doubled or moved, or cut off."""
+    content = bytearray(content)
+    for _ in range(int(random.integers(1, 4))):
+        place = int(random.integers(len(content)))
+        length = int(random.integers(1, 40))
+        match int(random.integers(5)):
+            case 0:
+                content[place] = int(random.integers(256))
+            case 1:
+                del content[place : place + length]
+            case 2:
+                content[place:place] = content[place : place + length]
+            case 3:
+                content[place : place + length] = random.bytes(length)
+            case 4 if random.random() < 0.2:
+                del content[place:]
+        if not content:
+            return b""
+    return bytes(content)
+
+
+def convert_all(folder, count):
+    """Every file through the reader; the numbers of those that took it down."""
+    fatal, first = [], 0
+    while first < count:
+        command = [sys.executable, HERE / "fbx_many.py", folder, str(first), str(count)]
+        run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=SECONDS + 0.5 * (count - first))
+        done = run.stdout.split()
+        first += len(done)
+        if run.returncode != 0 and first < count:
+            fatal.append(first)
+            (folder / f"{first}.glb").unlink(missing_ok=True)
+            first += 1
+    return fatal
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary"])
+def test_damaged_files_are_read_or_refused(tmp_path, data_or_none, kind):
+    if kind == "ascii":
+        seeds = [document(takes=(("one", 30.0), ("two", 60.0)), pre_rotation=(0, 90, 0)).encode()]
+    else:
+        path = data_or_none and data_or_none / "meshes" / "quaternius_posed" / "M_Male_Sitting.fbx"
+        if not path or not path.exists():
+            pytest.skip("no binary FBX file is at hand")
+        seeds = [path.read_bytes()]
+    random, count = np.random.default_rng(3), MUTATIONS if kind == "ascii" else MUTATIONS // 4
+    for number in range(count):
+        (tmp_path / f"{number}.fbx").write_bytes(damaged(seeds[number % len(seeds)], random))
+    fatal = convert_all(tmp_path, count)
+    outcomes = {"read": 0, "refused": 0}
+    for number in set(range(count)) - set(fatal):
+        path = tmp_path / f"{number}.glb"
+        if not path.exists():
+            outcomes["refused"] += 1
+            continue
+        try:
+            asset = gltf.load(path)
+            if asset.clips:
+                asset.motion(0)
+            outcomes["read"] += 1
+        except RetargetError:
+            outcomes["refused"] += 1
+    assert min(outcomes.values()) > 0.02 * count, outcomes
+    assert len(fatal) < 0.05 * count, "the reader goes down more often than it may"
