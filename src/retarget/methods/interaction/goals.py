@@ -333,7 +333,7 @@ BUSY = 5.0
 """The sum of the weights of a hand's contacts from which on it counts as touching in full."""
 
 
-IDLE = 12.0
+IDLE = 20.0
 """What a hand that touches nothing counts as: no contact says where it should be, so that what is near says more."""
 
 
