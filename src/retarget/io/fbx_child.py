@@ -111,6 +111,9 @@ def convert(source: str, output: str) -> dict[str, Any]:
         mesh = hold(node.mesh)
         if mesh is not None and mesh.num_vertices and mesh.num_indices:
             _add_mesh(glb, place, node, mesh, number, materials, notes)
+    bones = [place for place, node in enumerate(nodes) if hold(node.bone) is not None]
+    if bones:  # all of them, as in Blender: those that move no vertex hold skeletons together and end their limbs
+        glb.append("skins", {"joints": bones})
     fps = float(settings.frames_per_second) or 30.0
     keys = 0
     for stack in items(scene.anim_stacks):
