@@ -53,9 +53,7 @@ def apply_edits(contacts: Contacts, edits: ContactEdits, fps: float, start: floa
     for edit in edits.edits:
         if edit.does == "add":
             continue
-        a, b = (PARTS.index(part) for part in edit.parts)
-        pair = ((own == a) & (contacts.part == b)) | ((own == b) & (contacts.part == a))
-        chosen = pair & _during(edit, start + contacts.frame / fps, SLACK)
+        chosen = _spoken_of(edit, contacts, fps, start)
         weight[chosen] = edit.strength * {"auto": auto[chosen], "keep": 1.0, "release": 0.0}[edit.does]
     strength = np.array([[edits.of_pair((one, other)) for other in PARTS] for one in PARTS])
     return weight * strength[own, contacts.part]
@@ -133,18 +131,23 @@ def _added(
 
 def without_effect(contacts: Contacts, edits: ContactEdits, fps: float, frames: int) -> list[str]:
     """Entries that change nothing in a clip, by their parts and times: no frame of it lies within, or nothing touches."""
-    own, names = contacts.tracks.own_part[contacts.track], []
+    names = []
     for edit in edits.edits:
         if edit.does == "add":
             speaks = _during(edit, np.arange(frames) / fps, 0.5 / fps + 1e-6).any()
         else:
-            a, b = (PARTS.index(part) for part in edit.parts)
-            pair = ((own == a) & (contacts.part == b)) | ((own == b) & (contacts.part == a))
-            speaks = (pair & _during(edit, contacts.frame / fps, SLACK)).any()
+            speaks = _spoken_of(edit, contacts, fps).any()
         if not speaks:
             until = "the end" if edit.end is None else f"{edit.end:g} s"
             names.append(f"{edit.does} {'-'.join(edit.parts)} from {edit.start or 0.0:g} s to {until}")
     return names
+
+
+def _spoken_of(edit: ContactEdit, contacts: Contacts, fps: float, start: float = 0.0) -> Bool[Array, "rows"]:
+    """The contacts that an entry is about: of its parts, within its time."""
+    own, (a, b) = contacts.tracks.own_part[contacts.track], (PARTS.index(part) for part in edit.parts)
+    pair = ((own == a) & (contacts.part == b)) | ((own == b) & (contacts.part == a))
+    return pair & _during(edit, start + contacts.frame / fps, SLACK)
 
 
 def _during(edit: ContactEdit, seconds: Float[Array, "rows"], slack: float) -> Bool[Array, "rows"]:

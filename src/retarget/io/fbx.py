@@ -48,7 +48,9 @@ def _convert(path: Path, output: Path) -> dict[str, Any]:
     """Run the child; returns what it says of the file."""
     command = [sys.executable, "-I", str(CHILD), str(path.resolve()), str(output)]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, stdin=subprocess.DEVNULL)
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=SECONDS, stdin=subprocess.DEVNULL
+        )
     except subprocess.TimeoutExpired:
         raise FileError(path, f"takes longer than {SECONDS:g} s to read; it is damaged, or larger than any we know") from None
     if done.returncode == 0 and output.exists():

@@ -168,7 +168,7 @@ def _add_mesh(
     if len(skins) > 1:
         notes.append(f"of {len(skins)} skins of the mesh {mesh.name!r} only the first is used")
     if skins:
-        clusters = [cluster for cluster in items(skins[0].clusters)]
+        clusters = items(skins[0].clusters)
         if clusters:
             _add_skin(glb, place, skins[0], clusters, len(points), attributes, number)
     own = [materials[material.element_id] for material in items(node.materials)]

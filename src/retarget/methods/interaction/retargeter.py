@@ -16,7 +16,17 @@ from retarget.methods.interaction.equations import PoseEquations
 from retarget.methods.interaction.faults import FADING, has_fault, needs
 from retarget.methods.interaction.goals import ClipGoals, GoalMaker
 from retarget.methods.interaction.report import corrections, remaining
-from retarget.methods.interaction.solve import COLD, FOLLOW, ROUNDS, MOST_TOGETHER, STAYED, STEADY, STILL_DEEP, TOGETHER, Solver
+from retarget.methods.interaction.solve import (
+    COLD,
+    FOLLOW,
+    MOST_TOGETHER,
+    ROUNDS,
+    STAYED,
+    STEADY,
+    STILL_DEEP,
+    TOGETHER,
+    Solver,
+)
 from retarget.motion.copy_clip import Copier
 from retarget.motion.stand_in import StandIn
 
@@ -90,11 +100,12 @@ class PreparedInteraction(Retargeter):
         frame: a contact's pull follows how close the source's surfaces are. Times of a contacts file count from the first
         call. Raises `RetargetError` where one adds contacts."""
         before = self.before[0] if self.before else None
-        result, self.before[:] = self._next(pose, before, self.steps[0] / self.step_fps, self.step_fps)
+        result, now = self._next(pose, before, self.steps[0] / self.step_fps, self.step_fps)
+        self.before[:] = [now]
         self.steps[0] += 1
         return result
 
-    def _next(self, pose: Pose, before: Before | None, seconds: float, fps: float) -> tuple[Pose, list[Before]]:
+    def _next(self, pose: Pose, before: Before | None, seconds: float, fps: float) -> tuple[Pose, Before]:
         copied, equations = self.copier.step(pose), self.solver.equations
         frame = _one(copied, self.copier.target.skeleton)
         performed = self.stand_in.pose(pose) if self.stand_in else pose
@@ -110,13 +121,13 @@ class PreparedInteraction(Retargeter):
             change = 1.0 / max(FADING * fps, 1.0)
             need = float(np.clip(before.need + (change if faulty else -change), 0.0, 1.0))
             x = self.solver.follow(copied.rotations, offsets, goals.weakened(need), before.x, ROUNDS, STEADY, need)
-        return corrected(equations, frame, x[None]).pose(0), [Before(x, need)]
+        return corrected(equations, frame, x[None]).pose(0), Before(x, need)
 
     def _causal(self, motion: Motion) -> Result:
         """A clip frame by frame."""
-        poses, before = [], [None]
+        poses, before = [], None
         for number in range(len(motion)):
-            pose, before = self._next(motion.pose(number), before[0], number / motion.fps, motion.fps)
+            pose, before = self._next(motion.pose(number), before, number / motion.fps, motion.fps)
             poses.append(pose)
         made = Motion(
             self.copier.target.skeleton,
