@@ -31,7 +31,7 @@ def _matrix(q, out):
 @njit(**OPTIONS)
 def pose_joints(parents, rotations, offsets, turning, turns, world, places):
     """World rotations (joints x 4) and places (joints x 3) of local rotations and offsets, with the `turns` (rotation
-    vectors) of the joints `turning` on top of their local rotations. Parents come first."""
+    vectors in the parent's frame) of the joints `turning` on top of their local rotations. Parents come first."""
     turn = np.zeros((len(parents), 4))
     turn[:, 3] = 1.0
     for number in range(len(turning)):
@@ -43,7 +43,7 @@ def pose_joints(parents, rotations, offsets, turning, turns, world, places):
         turn[joint, 3] = np.cos(0.5 * angle)
     local, matrix = np.empty(4), np.empty((3, 3))
     for joint in range(len(parents)):
-        _multiply(rotations[joint], turn[joint], local)
+        _multiply(turn[joint], rotations[joint], local)
         above = parents[joint]
         if above < 0:
             world[joint], places[joint] = local, offsets[joint]

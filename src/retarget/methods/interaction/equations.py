@@ -1,7 +1,7 @@
 """One pose of the target as a least-squares problem: what its joints would have to do, to first order.
 
-Unknowns are, for every turning joint, a rotation vector on top of its copied local rotation (radians), and a shift of the
-hips (metres): `x` of 3 joints + 3 numbers. Terms: contacts of the source along the normal and across it, repulsion of what
+Unknowns are, for every turning joint, a rotation vector in its parent's frame on top of its copied local rotation (radians),
+and a shift of the hips (metres): `x` of 3 joints + 3 numbers. Terms: contacts of the source along the normal and across it, repulsion of what
 penetrates (point to plane, every vertex), resting points and end effectors as they were copied. Every Jacobian is
 analytic (`contact/pair_kernels.py`). After Ye 2024's aim, by a solver of our own; the paper trains a network.
 """
@@ -165,7 +165,9 @@ class PoseEquations:
             self.turns_effector, matrix, right,
         )  # fmt: skip
         pair_kernels.mirror_lower(matrix)
-        change = _world_from_turns(body.world[self.levers.turning], x)
+        parents = self.skeleton.parents[self.levers.turning]
+        above = np.where((parents >= 0)[:, None], body.world[parents], rot.IDENTITY)
+        change = _world_from_turns(above, x)
         return Linearised(x, change.T @ matrix @ change, change.T @ right, penetrating, deepest)
 
     def _add_contacts(self, body: PosedBody, goals: FrameGoals, places: Array, matrix: Array, right: Array) -> None:
@@ -272,9 +274,10 @@ def prepare_equations(actor: Actor, weights: Weights, threshold: float, sensors:
     )
 
 
-def _world_from_turns(world: Float[Array, "turning 4"], x: Float[Array, "unknowns"]) -> Float[Array, "unknowns unknowns"]:
-    """How turns about the world's axes follow from changes of the rotation vectors: with R the world rotation and J the
-    right Jacobian of exp, exp(turn + d) = exp(turn) exp(J d), which turns the world by R J d. The shift stays."""
+def _world_from_turns(above: Float[Array, "turning 4"], x: Float[Array, "unknowns"]) -> Float[Array, "unknowns unknowns"]:
+    """How turns about the world's axes follow from changes of the rotation vectors: with R the world rotation of what a joint
+    hangs on and J the left Jacobian of exp, exp(turn + d) = exp(J d) exp(turn), which turns the world by R J d. The shift
+    stays."""
     turns = x[:-3].reshape(-1, 3)
     angle = np.linalg.norm(turns, axis=1)[:, None, None]
     small = angle < 1e-4
@@ -284,7 +287,7 @@ def _world_from_turns(world: Float[Array, "turning 4"], x: Float[Array, "unknown
     cross = np.zeros((len(turns), 3, 3))
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -turns[:, 2], turns[:, 1], -turns[:, 0]
     cross -= cross.transpose(0, 2, 1)
-    blocks = rot.to_matrix(world) @ (np.eye(3) - first * cross + second * (cross @ cross))
+    blocks = rot.to_matrix(above) @ (np.eye(3) + first * cross + second * (cross @ cross))
     change = np.zeros((len(x), len(x)))
     for number, block in enumerate(blocks):
         change[3 * number : 3 * number + 3, 3 * number : 3 * number + 3] = block

@@ -165,16 +165,13 @@ class GoalMaker:
         self, performed: Motion, copied: Motion, equations: PoseEquations, touching: Bool[Array, "frames points"] | None
     ) -> tuple[Contacts, ClipGoals]:
         """The goals of a clip, and the contacts that were found; of the entries of a contacts file, those for all clips and
-        for the one of the performed motion's name. A contact's pull grows over `RAMP` seconds after it began,
-        and fades before it ends. `touching` are the ground contacts of the target's support points, where known."""
+        for the one of the performed motion's name. Contacts that were found pull from their first frame to their last: the
+        solver's curvature leads the pose there and back. Added ones, whose points may be far apart, take `RAMP` seconds
+        to come and go. `touching` are the ground contacts of the target's support points, where known."""
         pose, fps, frames = world_pose(performed), performed.fps, len(performed)
         contacts, edits = self.detector.clip(*pose, fps), self.edits.of_clip(performed.name)
-        tracks, track = contacts.tracks, contacts.track
         distances = self._distances(contacts)
-        closeness = self._closeness(distances, 2.0)
-        since, until = contacts.frame - tracks.start[track] + 1, tracks.stop[track] - contacts.frame
-        ramp = np.clip(np.minimum(since, until) / max(RAMP * fps, 1.0), 0.0, 1.0)
-        weight = apply_edits(contacts, edits, fps) * closeness * ramp * self._meant(contacts, pose[1])
+        weight = apply_edits(contacts, edits, fps) * self._closeness(distances) * self._meant(contacts, pose[1])
         count = self.detector.thinned.stands_for[contacts.vertex]
         rows = [contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight, count]
         added = added_contacts(edits, self.detector, *pose, fps)
@@ -200,7 +197,7 @@ class GoalMaker:
         pose = world_pose(performed)
         contacts = self.detector.clip(*pose, performed.fps)
         distances = self._distances(contacts)
-        closeness = self._closeness(distances, 1.0)
+        closeness = np.clip(1.0 - np.abs(distances) / self.detector.threshold, 0.0, 1.0) ** 2
         weight = apply_edits(contacts, edits, performed.fps, seconds) * closeness * self._meant(contacts, pose[1])
         count = self.detector.thinned.stands_for[contacts.vertex]
         rows = self._rows(
@@ -269,9 +266,9 @@ class GoalMaker:
         np.maximum.at(deepest, number, -contacts.distance)
         return contacts.distance + deepest[number]
 
-    def _closeness(self, distances: Float[Array, "rows"], reach: float) -> Float[Array, "rows"]:
-        """From 1 where surfaces touch to 0 at `reach` thresholds; what a performer has deep inside itself is no contact."""
-        return np.clip(1.0 - np.abs(distances) / (reach * self.detector.threshold), 0.0, 1.0) ** 2
+    def _closeness(self, distances: Float[Array, "rows"]) -> Float[Array, "rows"]:
+        """1 within the threshold, falling to 0 at three; what a performer has deep inside itself is no contact."""
+        return np.clip(1.5 - np.abs(distances) / (2.0 * self.detector.threshold), 0.0, 1.0)
 
     def _gap(self, distances: Float[Array, "rows"]) -> Float[Array, "rows"]:
         """How far apart touching points should be on the target: in radii of the arm, but never farther for its size. What
@@ -323,7 +320,7 @@ class GoalMaker:
 
 
 RAMP = 0.13
-"""Seconds over which a contact's pull grows after it began and fades before it ends."""
+"""Seconds over which the pull of an added contact grows after it began and fades before it ends."""
 
 
 TRUNK = [PARTS.index(part) for part in ("chest", "abdomen", "pelvis")]

@@ -174,7 +174,7 @@ def corrected(equations: PoseEquations, copied: Motion, x: Float[Array, "frames 
     rotations, translations = copied.rotations.copy(), copied.translations.copy()
     turning, hips = equations.levers.turning, equations.hips
     turns = x[:, :-3].reshape(len(x), -1, 3)
-    rotations[:, turning] = rot.multiply(rotations[:, turning], rot.from_rotation_vector(turns))
+    rotations[:, turning] = rot.multiply(rot.from_rotation_vector(turns), rotations[:, turning])
     shift = x[:, -3:]
     if hips != 0:
         shift = rot.rotate(rot.inverse(world_pose(copied)[0][:, copied.skeleton.parents[hips]]), shift)

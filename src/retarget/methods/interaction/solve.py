@@ -45,9 +45,13 @@ SMOOTHEST, HOPELESS = 300.0, (0.02, 0.05)
 free should at least lie still."""
 STIFFNESS = {
     "hips": 3000.0, "spine": 100.0, "chest": 100.0, "upperChest": 100.0, "neck": 20.0, "head": 20.0, "Shoulder": 2.0,
-    "Hand": 2.0, "UpperLeg": 100.0, "LowerLeg": 100.0, "Foot": 100.0,
+    "Hand": 2.0, "UpperLeg": 20.0, "LowerLeg": 20.0, "Foot": 20.0,
 }  # fmt: skip
-"""Of each joint against being turned; 1 for those not named."""
+"""Of each joint against being turned from its copied pose; 1 for those not named."""
+INERTIA = STIFFNESS | {
+    "Shoulder": 4.0, "UpperArm": 2.0, "LowerArm": 2.0, "Hand": 4.0, "UpperLeg": 100.0, "LowerLeg": 100.0, "Foot": 100.0,
+}  # fmt: skip
+"""Likewise against its correction changing over time, and against being turned where nothing needs to be mended."""
 FREE = {
     "hips": 0.12, "spine": 0.15, "chest": 0.15, "upperChest": 0.15, "neck": 0.2, "head": 0.25, "Shoulder": 0.3,
     "UpperArm": 0.9, "LowerArm": 1.1, "Hand": 0.7, "UpperLeg": 0.35, "LowerLeg": 0.45, "Foot": 0.35,
@@ -79,6 +83,9 @@ class Solver:
 
     equations: PoseEquations
     stiffness: Float[Array, "unknowns"]
+    """What being turned, or shifted, from the copied pose weighs."""
+    inertia: Float[Array, "unknowns"]
+    """What the correction's changes over time weigh."""
     free: Float[Array, "unknowns"]
     """How far each turn, or the shift, may go: the same for the three numbers of a vector."""
 
@@ -94,18 +101,18 @@ class Solver:
     ) -> Float[Array, "unknowns"]:
         """The correction of one frame that starts at, and stays near, that of the frame before. Where there is less `need`
         (1 to 0) the copied pose holds more; where there is none the pose returns to it, and nothing is looked at."""
-        x, prior = before.copy(), PRIOR * (1.0 + CALM * (1.0 - need))
+        x, prior = before.copy(), PRIOR * (self.stiffness + CALM * (1.0 - need) * self.inertia)
         if need == 0.0:
-            return x * (steady / (steady + prior))
+            return x * (steady * self.inertia / (steady * self.inertia + prior))
         for _ in range(rounds):
             found = self.equations.linearise(copied, offsets, goals, x)
             if not found.penetrating and not len(goals.weight) and not x.any():
                 break
             matrix = found.matrix
             bound, back = self._bound(x)
-            matrix[np.diag_indices(len(x))] += (prior + steady) * self.stiffness + bound + 1e-6
+            matrix[np.diag_indices(len(x))] += prior + steady * self.inertia + bound + 1e-6
             step = _solved(
-                matrix, found.right - self.stiffness * (prior * x + steady * (x - before)) - bound * (x - back)
+                matrix, found.right - prior * x - steady * self.inertia * (x - before) - bound * (x - back)
             )
             x += step * np.minimum(1.0, LONGEST_TURN / np.maximum(_lengths(step), 1e-12))
             if _lengths(step).max() < NOTHING:
@@ -155,7 +162,7 @@ class Solver:
         matrices = np.stack([each.matrix for each in found])
         at = np.stack([each.at for each in found])
         right = np.stack([each.right for each in found]) + (matrices @ at[..., None])[..., 0]
-        right -= (fixed @ known) * self.stiffness
+        right -= (fixed @ known) * self.inertia
         bound, back = self._bound(x)
         right += bound * back
         rows, columns = np.tril_indices(size)
@@ -164,8 +171,8 @@ class Solver:
         band[rows - columns, :, columns] = matrices[:, rows, columns].T
         for apart in range(reach + 1):
             own = np.diagonal(time, -apart)
-            band[apart * size, : frames - apart] += own[:, None] * self.stiffness
-        band[0] += PRIOR * (1.0 + CALM * (1.0 - need))[:, None] * self.stiffness + bound + 1e-6
+            band[apart * size, : frames - apart] += own[:, None] * self.inertia
+        band[0] += PRIOR * (self.stiffness + CALM * (1.0 - need)[:, None] * self.inertia) + bound + 1e-6
         flat = band.reshape(len(band), frames * size)
         return solveh_banded(flat, right.ravel(), lower=True, overwrite_ab=True, check_finite=False).reshape(x.shape)
 
@@ -174,9 +181,10 @@ def prepare_solver(equations: PoseEquations) -> Solver:
     """A solver with the joints' stiffness."""
     names = [name.removeprefix("left").removeprefix("right") for name in equations.levers.names]
     joints = np.repeat([STIFFNESS.get(name, 1.0) for name in names], 3)
+    inertia = np.repeat([INERTIA.get(name, 1.0) for name in names], 3)
     free = np.repeat([FREE[name] for name in names], 3)
     return Solver(
-        equations, np.append(joints, np.full(3, SHIFT_STIFFNESS)),
+        equations, np.append(joints, np.full(3, SHIFT_STIFFNESS)), np.append(inertia, np.full(3, SHIFT_STIFFNESS)),
         np.append(free, np.full(3, FREE_SHIFT * equations.actor.height)),
     )  # fmt: skip
 
