@@ -11,7 +11,7 @@ from made_bodies import box, with_faces, with_piece
 from made_motions import actor, body, cast_by_names, walk
 
 from retarget.body import rotations as rot
-from retarget.body.kinematics import forward, rest_pose
+from retarget.body.kinematics import forward, local_positions, rest_pose
 from retarget.body.skinning import prepare_skinning
 from retarget.character import Motion
 from retarget.contact.contact_file import ContactEdit, ContactEdits
@@ -333,6 +333,27 @@ def test_online_feet_on_the_floor_hold():
         assert np.abs(here[0, feet] - there[0, feet]).max() < 0.003
 
 
+def test_a_joint_beyond_its_limit_is_turned_back():
+    """A knee that a correction bends forward: the equations ask for the turn back, of that joint alone."""
+    target = actor("heavy")
+    motion = cut(embedded_motion("walk"), 0.0, 0.1)
+    copied = prepare(actor(), target, "copy-rotations")(motion).motion
+    offsets = local_positions(copied.skeleton, copied.translations, copied.moved)[0]
+    asked = []
+    for weights in (Weights(limits=0.0), Weights()):
+        prepared = prepare(actor(), target, Interaction(weights=weights)).retargeter
+        equations = prepared.solver.equations
+        _, goals = prepared.goals.clip(motion, copied, equations, None)
+        x = np.zeros(equations.size)
+        knee = equations.levers.names.index("leftLowerLeg")
+        x[3 * knee] = -1.2
+        asked.append(equations.linearise(copied.rotations[0], offsets, goals.frame(0), x).right)
+    difference = (asked[1] - asked[0])[:-3].reshape(-1, 3)
+    assert difference[knee, 0] > 0.3 * Weights().limits, "back by more than a third of a radian"
+    others = np.delete(difference, knee, axis=0)
+    assert np.abs(others).max() < 1e-6
+
+
 def test_a_window_follows_the_one_before():
     """A long clip is solved in windows; their seams must not show."""
     prepared = prepare(actor(), actor("heavy"), Interaction()).retargeter
@@ -366,8 +387,9 @@ def test_kernels_are_compiled_at_set_up():
     """After the set-up's calls nothing compiles while a clip is solved: a first user must not wait."""
     code = (
         "from retarget.contact import collide, kernels, pair_kernels, skin_kernels\n"
-        "[each.compile_kernels() for each in (collide, pair_kernels, skin_kernels)]\n"
-        "made = lambda: {(m.__name__, n): len(f.signatures) for m in (kernels, pair_kernels, skin_kernels)\n"
+        "from retarget.motion import limit_kernels\n"
+        "[each.compile_kernels() for each in (collide, pair_kernels, skin_kernels, limit_kernels)]\n"
+        "made = lambda: {(m.__name__, n): len(f.signatures) for m in (kernels, pair_kernels, skin_kernels, limit_kernels)\n"
         "                for n, f in vars(m).items() if hasattr(f, 'signatures')}\n"
         "before = made()\n"
         "from retarget import cast, embedded_motion, human, prepare\n"

@@ -8,7 +8,8 @@ from made_motions import actor, walk
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import rest_pose, still_motion, world_pose
-from retarget.motion.limits import HYPEREXTENSION, MARGIN, ease_into_limits, joint_limits
+from retarget.motion.limit_kernels import nearest_within
+from retarget.motion.limits import HYPEREXTENSION, MARGIN, ease_into_limits, joint_limits, stack_limits
 
 
 def bent(name, axis, degrees):
@@ -64,3 +65,47 @@ def test_more_stays_more():
 def test_a_walk_is_left_alone():
     world = world_pose(walk())[0]
     assert ease_into_limits(joint_limits(actor()), world) == 0
+
+
+def within(name, axis, degrees):
+    """The bounds of a body, its world rotations with one joint turned, what is beyond and the nearest rotations within."""
+    body, joint, world = bent(name, axis, degrees)
+    bounds = stack_limits(joint_limits(body))
+    allowed = bounds.allowed(rest_pose(body.skeleton)[0][None])[0]
+    wanted = np.empty((len(bounds.joints), 4))
+    beyond = nearest_within(
+        world[0], bounds.joints, bounds.carriers, bounds.frames, bounds.carrier_frames, bounds.axes, bounds.hinges,
+        allowed, wanted,
+    )  # fmt: skip
+    return bounds, world[0], joint, beyond, wanted, allowed
+
+
+@pytest.mark.parametrize(
+    ("name", "axis", "free", "beyond"),
+    [("leftLowerLeg", [1, 0, 0], 120, -70), ("head", [0, 1, 0], 80, 170), ("rightHand", [1, 0, 0], 60, 150)],
+)
+def test_only_what_is_beyond_its_limit_is_brought_back_and_no_further(name, axis, free, beyond):
+    assert not within(name, axis, free)[3].any()
+    bounds, world, joint, found, wanted, allowed = within(name, axis, beyond)
+    assert bounds.joints[found].tolist() == [joint]
+    world[joint] = wanted[found][0]
+    again = nearest_within(
+        world, bounds.joints, bounds.carriers, bounds.frames, bounds.carrier_frames, bounds.axes, bounds.hinges,
+        allowed + 1e-6, wanted,
+    )  # fmt: skip
+    assert not again.any()
+    own = int(np.flatnonzero(found)[0])
+    has = bounds.allowed(world[None])[0, own]
+    assert np.isclose(has, allowed[own], atol=1e-6).any(), "it stops at the limit"
+
+
+def test_a_pose_that_may_stay_sets_the_limit():
+    """Where the copied pose is beyond a limit, the solver leaves it there, and takes it no further."""
+    body, _, world = bent("leftLowerLeg", [1, 0, 0], -70)
+    bounds = stack_limits(joint_limits(body))
+    wide = bounds.allowed(world)[0]
+    wanted = np.empty((len(bounds.joints), 4))
+    own = (bounds.joints, bounds.carriers, bounds.frames, bounds.carrier_frames, bounds.axes, bounds.hinges)
+    assert not nearest_within(world[0], *own, wide + 1e-9, wanted).any()
+    further = bent("leftLowerLeg", [1, 0, 0], -80)[2]
+    assert nearest_within(further[0], *own, wide, wanted).any()

@@ -10,7 +10,7 @@ from retarget.contact.kernels import OPTIONS
 
 
 @njit(**OPTIONS)
-def _multiply(a, b, out):
+def multiply(a, b, out):
     """Quaternion product (xyzw)."""
     ax, ay, az, aw = a[0], a[1], a[2], a[3]
     bx, by, bz, bw = b[0], b[1], b[2], b[3]
@@ -43,12 +43,12 @@ def pose_joints(parents, rotations, offsets, turning, turns, world, places):
         turn[joint, 3] = np.cos(0.5 * angle)
     local, matrix = np.empty(4), np.empty((3, 3))
     for joint in range(len(parents)):
-        _multiply(turn[joint], rotations[joint], local)
+        multiply(turn[joint], rotations[joint], local)
         above = parents[joint]
         if above < 0:
             world[joint], places[joint] = local, offsets[joint]
             continue
-        _multiply(world[above], local, world[joint])
+        multiply(world[above], local, world[joint])
         _matrix(world[above], matrix)
         for i in range(3):
             places[joint, i] = (

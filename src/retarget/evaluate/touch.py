@@ -22,6 +22,7 @@ from retarget.contact.parts import PARTS, BodyParts
 from retarget.contact.sensors import Sensors, place_sensors, pose_sensors
 from retarget.contact.slim import arm_radius
 from retarget.evaluate import metrics
+from retarget.evaluate.placement import kept_together
 from retarget.motion.align import Actor
 
 Array = np.ndarray
@@ -124,6 +125,22 @@ class TouchJudge:
         first, second, frame = self._carried_contacts(touch, self.skinner.vertices(*world_pose(motion)), countable)
         return np.linalg.norm(first - second, axis=1) > metrics.SLACK * self.threshold, frame
 
+    def keepable_together(
+        self, touch: SourceTouch, motion: Motion, countable: Bool[Array, "tracks"] | None, every: int, seed: int
+    ) -> float | None:
+        """The share of the counted contacts that are kept where the patches which touch are laid on each other as well as
+        they can be (`keepable.kept_together`), each part on each by itself: what patches of other shapes and
+        sizes leave to keep. One frame in `every` is looked at. Any motion of the target serves, parts hardly change their shape."""
+        first, second, frame = self._carried_contacts(touch, self.skinner.vertices(*world_pose(motion)), countable)
+        contacts, rows = touch.contacts, self._carried_rows(touch, countable)
+        pairs = (frame * len(PARTS) + contacts.tracks.own_part[contacts.track[rows]]) * len(PARTS) + contacts.part[rows]
+        looked_at = np.flatnonzero(np.isin(frame, np.unique(frame)[::every]))
+        if len(looked_at) == 0:
+            return None
+        limit = metrics.SLACK * self.threshold
+        own = [looked_at[pairs[looked_at] == pair] for pair in np.unique(pairs[looked_at])]
+        return sum(kept_together(first[rows], second[rows], limit, seed) for rows in own) / len(looked_at)
+
     def touching_parts(
         self, touch: SourceTouch, motion: Motion, countable: Bool[Array, "tracks"] | None
     ) -> dict[str, float | None]:
@@ -146,14 +163,18 @@ class TouchJudge:
         self, touch: SourceTouch, posed: Float[Array, "frames vertices 3"], countable: Bool[Array, "tracks"] | None
     ) -> tuple[Float[Array, "rows 3"], Float[Array, "rows 3"], Int[Array, "rows"]]:
         """Both places of the source's contacts on the target, metres, and their frames."""
-        contacts, rows = touch.contacts, touch.pose_rows(countable)
+        contacts, rows = touch.contacts, self._carried_rows(touch, countable)
         corners = touch.actor.character.mesh.faces[contacts.face[rows]]
         vertices = np.concatenate([contacts.vertex[rows][:, None], corners], axis=1)
-        trusted = self.carried.trusted(vertices).all(axis=1)
-        rows, vertices = rows[trusted], vertices[trusted]
         places = self.carried.places(posed, contacts.frame[rows], vertices)
         touched = (contacts.barycentric[rows][:, :, None] * places[:, 1:]).sum(axis=1)
         return places[:, 0], touched, contacts.frame[rows]
+
+    def _carried_rows(self, touch: SourceTouch, countable: Bool[Array, "tracks"] | None) -> Int[Array, "rows"]:
+        """The counted contacts whose places the target has."""
+        contacts, rows = touch.contacts, touch.pose_rows(countable)
+        corners = touch.actor.character.mesh.faces[contacts.face[rows]]
+        return rows[self.carried.trusted(contacts.vertex[rows]) & self.carried.trusted(corners).all(axis=1)]
 
     def _contact_errors(self, touch: SourceTouch, motion: Motion) -> tuple[float | None, float | None]:
         """As the paper charges it, and to both sides."""

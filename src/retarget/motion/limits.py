@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from retarget.body import rotations as rot
 from retarget.motion.align import Actor
@@ -105,8 +105,8 @@ def ease_into_limits(limits: tuple[Limit, ...], world: Float[Array, "frames join
     return int(touched.sum())
 
 
-def _angle(q: Float[Array, "frames 4"]) -> Float[Array, "frames"]:
-    return 2 * np.arctan2(np.linalg.norm(q[:, :3], axis=-1), np.abs(q[:, 3]))
+def _angle(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch"]:
+    return 2 * np.arctan2(np.linalg.norm(q[..., :3], axis=-1), np.abs(q[..., 3]))
 
 
 def _eased(q: Float[Array, "frames 4"], limit: float) -> Float[Array, "frames 4"]:
@@ -127,3 +127,41 @@ def _closed(swing: Float[Array, "frames 4"], hinge: Float[Array, "3"] | None) ->
 
 def _bent(angle: Float[Array, "*frames"], limit: float) -> Float[Array, "*frames"]:
     return np.where(angle > limit, limit + MARGIN * (1 - np.exp(-np.maximum(angle - limit, 0) / MARGIN)), angle)
+
+
+@dataclass(frozen=True, eq=False)
+class LimitBounds:
+    """The limits of a body side by side, for solvers; `stack_limits` makes one. Fields as in `Limit`."""
+
+    joints: Int[Array, "limits"]
+    carriers: Int[Array, "limits"]
+    frames: Float[Array, "limits 4"]
+    carrier_frames: Float[Array, "limits 4"]
+    axes: Float[Array, "limits 3"]
+    most: Float[Array, "limits 3"]
+    """Largest swing, twist and turn about the hinge, radians."""
+    hinges: Float[Array, "limits 3"]
+    """Zero where there is none."""
+
+    def allowed(self, world: Float[Array, "frames joints 4"]) -> Float[Array, "frames limits 3"]:
+        """How far each joint may swing, twist and turn about its hinge where a pose (world rotations) may stay: the limits
+        with their margin, or what the pose itself has."""
+        zero = rot.multiply(world[:, self.carriers], self.carrier_frames)
+        turn = rot.multiply(rot.inverse(zero), rot.multiply(world[:, self.joints], self.frames))
+        twist = rot.twist_about(turn, self.axes)
+        swing = rot.multiply(turn, rot.inverse(twist))
+        about = (rot.to_rotation_vector(swing) * self.hinges).sum(axis=-1)
+        return np.maximum(self.most + MARGIN, np.stack([_angle(swing), _angle(twist), about], axis=-1))
+
+
+def stack_limits(limits: tuple[Limit, ...]) -> LimitBounds:
+    """The same limits as arrays."""
+    return LimitBounds(
+        np.array([limit.joint for limit in limits]),
+        np.array([limit.carrier for limit in limits]),
+        np.array([limit.frame for limit in limits]),
+        np.array([limit.carrier_frame for limit in limits]),
+        np.array([limit.axis for limit in limits]),
+        np.array([(limit.swing, limit.twist, np.inf if limit.hinge is None else HYPEREXTENSION) for limit in limits]),
+        np.array([np.zeros(3) if limit.hinge is None else limit.hinge for limit in limits]),
+    )

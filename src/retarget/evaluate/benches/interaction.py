@@ -67,6 +67,8 @@ HEAVY_MOTIONS = ("hands_on_hips", "hand_on_belly", "arms_crossed", "hand_to_shou
 """Heavy performers (of the solver's own results: no other heavy performance is at hand) and who is slimmer."""
 FOREIGN_MOTIONS = ("hands_on_hips", "arms_crossed", "hand_to_shoulder", "hands_behind_head")
 QUICK_MOTIONS = ("hands_on_hips", "arms_crossed")
+TOGETHER_EVERY = 15
+"""Of so many frames one is looked at for how many contacts can be kept together."""
 LEGS = tuple(f"{side}{part}" for side in ("left", "right") for part in ("UpperLeg", "LowerLeg", "Foot"))
 
 KEYS: dict[str, str] = {
@@ -164,7 +166,9 @@ def _foreign(tell: Tell) -> Iterator[dict[str, Any]]:
             copied = CopyRotations(limits=False).prepare(source, target)(performance.motion).motion
             countable = search(touch, target, judge.carried, copied, judge.threshold, SEED)
             case = ContactCase(performance, target_name, target, "foreign")
-            yield from _measured(case, touch, countable, {COPY: CopyRotations, OURS: Interaction}, tell)
+            together = judge.keepable_together(touch, copied, countable, TOGETHER_EVERY, SEED)
+            for row in _measured(case, touch, countable, {COPY: CopyRotations, OURS: Interaction}, tell):
+                yield row | {"contacts_keepable": together}
 
 
 def _measured(
@@ -265,6 +269,8 @@ def _summary(cases: list[dict], slimmer: list[dict], foreign: list[dict], quick:
     if not quick:
         row = by_split(foreign, OURS, "foreign", KEYS) if foreign else {}
         summary |= {f"{key}_foreign": row.get(key) for key in ("contacts_kept", "parts_kept")}
+        found = [case["contacts_keepable"] for case in foreign if case["method"] == OURS and case["contacts_keepable"] is not None]
+        summary["contacts_keepable_foreign"] = float(np.mean(found)) if found else None
     return summary
 
 

@@ -2,10 +2,11 @@
 
 The paper trains a network on the field's consistency; no code or weights were released. Here the same entries (chosen on the
 source: nearest, farthest or both of every observer and part, section 3.3) are the residuals of our Gauss-Newton solver, in
-place of contacts and repulsion: t_i^-1 (p_j - p_i) on the target against the source's, scaled by height. The paper's loss is
-the cosine of both vectors; their difference is used here, because it was measured to keep more contacts. `distances` takes
-the length of the same entries alone, as the distance-matrix loss that the paper compares with (R2ET's is over joints).
-Targets of the sensors' frames turn with the observer: a virtual point on its skin.
+place of contacts and repulsion, under the paper's own loss: the cosine of t_i^-1 (p_j - p_i) on the target and on the source,
+as 1 - cos = |u_B - u_A|^2 / 2 for the unit vectors u. A pair's pull on places is therefore the stronger the closer the pair:
+with the difference of the vectors themselves, scaled by height, entries across the body decide, and less is kept than without
+the field. `distances` takes the length of the same entries alone, as the distance-matrix loss that the paper compares with
+(R2ET's is over joints). Targets of the sensors' frames turn with the observer: a virtual point on its skin.
 """
 
 from __future__ import annotations
@@ -30,8 +31,12 @@ Array = np.ndarray
 
 ROWS = {"nearest": (10, 0), "farthest": (0, 10), "both": (10, 10), "distances": (10, 10)}
 """Nearest and farthest targets of an observer."""
-TOTAL = 300.0
-"""Sum of all entries' weights on a frame."""
+DIRECTION = 6e-4
+"""Weight of the direction of an entry: of a pair's |u_B - u_A|^2."""
+LENGTHS = 300.0
+"""Sum of the weights of all entries' lengths on a frame, where these are compared."""
+CLOSEST = 0.001
+"""Metres: the direction of entries that are closer than this is as weak a witness as at this distance."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +52,10 @@ class FieldOnly(Method):
         prepared = Interaction(weights=weights).prepare(source, target)
         sensors = [place_sensors(actor.character, actor.humanoid) for actor in (source, target)]
         plan = prepare_field(*sensors, *ROWS[self.kind])
-        skinner, exact = prepare_sensor_skinning(sensors[1]), self.kind != "distances"
+        skinner, directions = prepare_sensor_skinning(sensors[1]), self.kind != "distances"
         equations = prepared.solver.equations
         own = {name: getattr(equations, name) for name in equations.__dataclass_fields__}
-        solver = replace(prepared.solver, equations=FieldEquations(**own, skinner=skinner, exact=exact))
+        solver = replace(prepared.solver, equations=FieldEquations(**own, skinner=skinner, directions=directions))
         goals = {name: getattr(prepared.goals, name) for name in prepared.goals.__dataclass_fields__}
         return replace(prepared, solver=solver, goals=FieldGoals(**goals, plan=plan))
 
@@ -77,8 +82,8 @@ class FieldEquations(PoseEquations):
     """Rows of the field: the target sensor shall be where the observer's frame wants it."""
 
     skinner: SensorSkinner
-    exact: bool
-    """Vectors; else lengths alone."""
+    directions: bool
+    """Compare the directions of entries; else their lengths."""
 
     def _add_near(self, body: PosedBody, goals: FrameGoals, places: Array, matrix: Array, right: Array) -> None:
         from retarget.contact import pair_kernels
@@ -87,19 +92,20 @@ class FieldEquations(PoseEquations):
             return
         second, first = goals.near[1], goals.near[0]
         at, turned = (each[0].astype(np.float64) for each in self.skinner.pose(body.world[None], body.places[None]))
-        weight = np.full(len(first), TOTAL / len(first))
-        if self.exact:
-            wanted_at = at[second] + np.einsum("pij,pj->pi", turned[second], goals.apart)
-            direction, across = np.tile([1.0, 0.0, 0.0], (len(first), 1)), weight
+        away = at[first] - at[second]
+        length = np.maximum(np.linalg.norm(away, axis=1), CLOSEST)
+        if self.directions:
+            # The target sensor shall go, at its distance, to where the observer's frame sees it in the source's direction.
+            wanted = _unit(np.einsum("pij,pj->pi", turned[second], goals.apart)) * length[:, None]
+            wanted_at, missing, direction = at[second] + wanted, wanted - away, _unit(wanted)
+            along, across = np.zeros(len(first)), DIRECTION / length**2
         else:
-            wanted_at, direction, across = at[second], _unit(at[first] - at[second]), np.zeros(len(first))
-        missing = wanted_at - at[first]
-        if not self.exact:
-            length = np.linalg.norm(goals.apart, axis=1) - np.linalg.norm(at[first] - at[second], axis=1)
-            missing = length[:, None] * direction
+            direction = _unit(away)
+            missing = (np.linalg.norm(goals.apart, axis=1) - length)[:, None] * direction
+            wanted_at, along, across = at[second], np.full(len(first), LENGTHS / len(first)), np.zeros(len(first))
         pair_kernels.add_pairs(
             self.sensors[first], self.sensor_shares[first], at[first], self.sensors[second], self.sensor_shares[second],
-            wanted_at, direction, missing, weight, across, self.levers.joints, self.levers.weights, places, matrix, right,
+            wanted_at, direction, missing, along, across, self.levers.joints, self.levers.weights, places, matrix, right,
         )  # fmt: skip
 
 

@@ -1,9 +1,10 @@
 """One pose of the target as a least-squares problem: what its joints would have to do, to first order.
 
 Unknowns are, for every turning joint, a rotation vector in its parent's frame on top of its copied local rotation (radians),
-and a shift of the hips (metres): `x` of 3 joints + 3 numbers. Terms: contacts of the source along the normal and across it, repulsion of what
-penetrates (point to plane, every vertex), resting points and end effectors as they were copied. Every Jacobian is
-analytic (`contact/pair_kernels.py`). After Ye 2024's aim, by a solver of our own; the paper trains a network.
+and a shift of the hips (metres): `x` of 3 joints + 3 numbers. Terms: contacts of the source along the normal and across it,
+repulsion of what penetrates (point to plane, every vertex), resting points and end effectors as they were copied, joint
+limits. Every Jacobian is analytic (`contact/pair_kernels.py`). After Ye 2024's aim, by a solver of our own; the paper
+trains a network.
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ from retarget.contact.skin_levers import SkinLevers, prepare_levers
 from retarget.contact.support import SupportLimb, support_limbs
 from retarget.methods.interaction.goals import FrameGoals
 from retarget.motion.align import Actor
+from retarget.motion.limits import LimitBounds, joint_limits, stack_limits
 
 Array = np.ndarray
 
 MARGIN = 0.0018
 """Share of the height that surfaces keep apart."""
-MOST_CONTACT, MOST_REPULSION, MOST_NEAR = 100.0, 250.0, 30.0
+MOST_CONTACT, MOST_REPULSION, MOST_NEAR = 130.0, 250.0, 30.0
 """The sum of weights (before the terms' own) that all contacts, all penetrating vertices and all near pairs have at most: a
 large patch must not outweigh everything else."""
 SLACK = 0.1
@@ -54,10 +56,12 @@ class Weights:
     """A heel or a ball of the foot that does not."""
     reaching: float = 0.2
     """A palm that does not: where a belly only pushes an arm out, the hand stays where it was copied to."""
-    near: float = 20.0
+    near: float = 40.0
     """A pair of sensors that are near each other on the source: their distance in radii of the arm."""
     orientation: float = 0.01
     """The orientation of an end effector."""
+    limits: float = 300.0
+    """What a joint is beyond its limits, further than in the copied pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +110,9 @@ class PoseEquations:
     binds: Float[Array, "columns 3 4"]
     hips: int
     """The joint that a shift moves."""
+    limits: LimitBounds
+    turns_limited: Bool[Array, "limits turning"]
+    """Which turning joints turn a limited joint against what carries it."""
 
     @property
     def skeleton(self) -> Skeleton:
@@ -164,6 +171,7 @@ class PoseEquations:
             body.world, goals.effectors, self.effectors, np.full(len(self.effectors), self.weights.orientation),
             self.turns_effector, matrix, right,
         )  # fmt: skip
+        self._add_limits(body, goals, matrix, right)
         pair_kernels.mirror_lower(matrix)
         parents = self.skeleton.parents[self.levers.turning]
         above = np.where((parents >= 0)[:, None], body.world[parents], rot.IDENTITY)
@@ -231,6 +239,20 @@ class PoseEquations:
             )  # fmt: skip
         return count, max(float(missing.max(initial=0.0)) - margin, 0.0)
 
+    def _add_limits(self, body: PosedBody, goals: FrameGoals, matrix: Array, right: Array) -> None:
+        from retarget.contact import pair_kernels
+        from retarget.motion import limit_kernels
+
+        limits, wanted = self.limits, np.empty((len(self.limits.joints), 4))
+        beyond = limit_kernels.nearest_within(
+            body.world, limits.joints, limits.carriers, limits.frames, limits.carrier_frames, limits.axes, limits.hinges,
+            goals.allowed, wanted,
+        )  # fmt: skip
+        if beyond.any():
+            pair_kernels.add_orientations(
+                body.world, wanted, limits.joints, self.weights.limits * beyond, self.turns_limited, matrix, right
+            )
+
     def _support(self, body: PosedBody) -> Float[Array, "points 3"]:
         """Places of heels, balls and palms."""
         return np.concatenate(
@@ -247,8 +269,9 @@ LEGS = 2
 
 def prepare_equations(actor: Actor, weights: Weights, threshold: float, sensors: Sensors) -> PoseEquations:
     """Prepare a target with a surface. Raises `RetargetError` for one without."""
-    character, humanoid = actor.character, actor.humanoid
+    character, humanoid, skeleton = actor.character, actor.humanoid, actor.skeleton
     collider, levers = prepare_collider(character, humanoid), prepare_levers(character, humanoid)
+    limits = stack_limits(joint_limits(actor))
     limbs = support_limbs(character, humanoid)
     place = {joint: number for number, joint in enumerate(levers.turning.tolist())}
     effectors = [humanoid.joints[name] for name in EFFECTORS if name in humanoid.joints]
@@ -271,7 +294,19 @@ def prepare_equations(actor: Actor, weights: Weights, threshold: float, sensors:
         np.ascontiguousarray(np.take_along_axis(skin.weights, order, axis=1)),
         np.ascontiguousarray(skin.inverse_binds[:, :3]),
         humanoid.joints["hips"],
+        limits,
+        np.ascontiguousarray(_carrying(levers, skeleton, limits.joints) & ~_carrying(levers, skeleton, limits.carriers)),
     )
+
+
+def _carrying(levers: SkinLevers, skeleton: Skeleton, joints: Int[Array, "joints"]) -> Bool[Array, "joints turning"]:
+    """Which turning joints carry each joint (or are it)."""
+    carries = np.zeros((len(joints), len(levers.turning)), dtype=bool)
+    for row, joint in zip(carries, joints.tolist()):
+        while joint >= 0:
+            row |= levers.turning == joint
+            joint = int(skeleton.parents[joint])
+    return carries
 
 
 def _world_from_turns(above: Float[Array, "turning 4"], x: Float[Array, "unknowns"]) -> Float[Array, "unknowns unknowns"]:

@@ -53,8 +53,8 @@ class FrameGoals:
     """How deep, metres."""
     near: tuple[Int[Array, "pairs"], Int[Array, "pairs"]]
     """Pairs of sensors that are near each other on the source."""
-    apart: Float[Array, "pairs"]
-    """How far apart they should be, metres."""
+    apart: Float[Array, "pairs *axes"]
+    """How far apart they should be, metres; where a reference compares fields, as vectors."""
     closeness: Float[Array, "pairs"]
     """What each pair weighs."""
     support: Float[Array, "points 3"]
@@ -63,6 +63,8 @@ class FrameGoals:
     """How much each of them rests on the ground, 0 to 1."""
     effectors: Float[Array, "effectors 4"]
     """World rotations of the end effectors as copied."""
+    allowed: Float[Array, "limits 3"]
+    """How far limited joints may swing, twist and turn about their hinges, radians."""
 
     def weakened(self, share: float) -> FrameGoals:
         """The same goals with contacts and nearness at a share of their weight."""
@@ -103,7 +105,7 @@ class NearRows:
     bounds: Int[Array, "_"]
     first: Int[Array, "rows"]
     second: Int[Array, "rows"]
-    apart: Float[Array, "rows"]
+    apart: Float[Array, "rows *axes"]
     closeness: Float[Array, "rows"]
 
 
@@ -117,6 +119,7 @@ class ClipGoals:
     support: Float[Array, "frames points 3"]
     resting: Float[Array, "frames points"]
     effectors: Float[Array, "frames effectors 4"]
+    allowed: Float[Array, "frames limits 3"]
 
     def frame(self, number: int) -> FrameGoals:
         """The goals of one frame."""
@@ -128,7 +131,7 @@ class ClipGoals:
             own.first[rows], own.first_shares[rows], own.second[rows], own.second_shares[rows], own.faces[rows],
             own.gap[rows], own.weight[rows], own.count[rows], self.sunk.vertex[sunk], self.sunk.depth[sunk],
             (self.near.first[near], self.near.second[near]), self.near.apart[near], self.near.closeness[near],
-            self.support[number], self.resting[number], self.effectors[number],
+            self.support[number], self.resting[number], self.effectors[number], self.allowed[number],
         )  # fmt: skip
 
 
@@ -237,8 +240,9 @@ class GoalMaker:
         else:
             resting = np.zeros(support.shape[:2])
         return ClipGoals(
-            rows, sunk, near, support, resting, np.ascontiguousarray(rotations[:, equations.effectors])
-        )
+            rows, sunk, near, support, resting, np.ascontiguousarray(rotations[:, equations.effectors]),
+            equations.limits.allowed(rotations),
+        )  # fmt: skip
 
     def _meant(self, contacts: Contacts, positions: Float[Array, "frames joints 3"]) -> Float[Array, "rows"]:
         """How much a contact says of the performer: the arms of a body that stands in brush its flanks while they hang,

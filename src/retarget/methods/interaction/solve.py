@@ -23,7 +23,7 @@ ROUNDS = 2
 """Gauss-Newton steps a frame that starts at the frame before."""
 COLD = 6
 """The same for the first frame, which nothing has warmed."""
-TOGETHER, MOST_TOGETHER = 2, 4
+TOGETHER, MOST_TOGETHER = 3, 5
 """Gauss-Newton steps of a whole clip, and how many there are at most for frames that are still deep inside themselves."""
 STILL_DEEP = 0.003
 """Share of the height: how deep that is."""
@@ -33,7 +33,7 @@ STEADY = 0.2
 """Weight of closeness to the frame before, likewise, at 30 frames a second, where there is no look ahead."""
 FOLLOW = 0.003
 """The same between the frames that a clip is solved at first."""
-CALM = 400.0
+CALM = 600.0
 """How many times more than that where nothing needs to be mended."""
 CURVATURE, SPEED = 3.0, 0.02
 """Weights of the correction's second and first difference over a clip, likewise, at 30 frames a second."""
@@ -49,7 +49,7 @@ STIFFNESS = {
 }  # fmt: skip
 """Of each joint against being turned from its copied pose; 1 for those not named."""
 INERTIA = STIFFNESS | {
-    "Shoulder": 4.0, "UpperArm": 2.0, "LowerArm": 2.0, "Hand": 4.0, "UpperLeg": 100.0, "LowerLeg": 100.0, "Foot": 100.0,
+    "Shoulder": 6.0, "UpperArm": 3.0, "LowerArm": 3.0, "Hand": 6.0, "UpperLeg": 100.0, "LowerLeg": 100.0, "Foot": 100.0,
 }  # fmt: skip
 """Likewise against its correction changing over time, and against being turned where nothing needs to be mended."""
 FREE = {
