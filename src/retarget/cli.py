@@ -110,6 +110,10 @@ def run(
     contacts_file: Annotated[
         Optional[Path], typer.Option("--contacts", help="Contacts file (see `retarget contacts`).", show_default=False)
     ] = None,
+    engine: Annotated[
+        Optional[str],
+        typer.Option("--for", help="Conventions of: unreal, unity, blender or godot.", show_default=False),
+    ] = None,
     show_report: Annotated[
         bool, typer.Option("--report", help="Also print what was corrected, where and by how much.")
     ] = False,
@@ -136,7 +140,7 @@ def run(
         motions=tuple(inputs[:-1]), target=inputs[-1], output=output, clip=clip, all_clips=all_clips, start=start, end=end,
         fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock, "steady": steady},
         animation_only=animation_only, map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
-        contacts=contacts_file, report=show_report,
+        contacts=contacts_file, report=show_report, engine=engine,
     )  # fmt: skip
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
 

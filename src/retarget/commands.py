@@ -11,7 +11,8 @@ from typing import Any
 
 from retarget.character import Motion
 from retarget.errors import FileError, MatchError, RetargetError
-from retarget.io import MOTION_SUFFIXES, WRITTEN_SUFFIXES, check_output, load
+from retarget.io import MOTION_SUFFIXES, THROUGH_BLENDER, WRITTEN_SUFFIXES, check_output, load
+from retarget.io.presets import Preset, preset
 from retarget.io.asset import Asset
 from retarget.io.whole_file import written_whole
 from retarget.methods import Result, save_results
@@ -44,10 +45,18 @@ class Order:
     target_unit: float | None = None
     contacts: Path | None = None
     report: bool = False
+    engine: str | None = None
+    """The program that the results go to: a key of `io.presets.PRESETS`."""
+
+    @property
+    def preset(self) -> Preset | None:
+        return None if self.engine is None else preset(self.engine)
 
 
 def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
-    """Retarget every motion onto the target and write the results."""
+    """Retarget every motion onto the target and write the results. Raises `RetargetError` for what cannot be done."""
+    if order.engine is not None:
+        preset(order.engine)  # an unknown one is told before any work
     files = [file for file in _motion_files(order.motions) if not _is_target_in_folder(file, order)]
     one_file_each = order.output.is_dir() or not order.output.suffix
     names = _result_files(files, order) if one_file_each else []
@@ -95,7 +104,7 @@ def _result_files(files: list[Path], order: Order) -> list[Path]:
         )
     names: dict[Path, Path] = {}
     for file in files:
-        name = order.output / f"{file.stem}_{order.target.stem}{_suffix(order.target)}"
+        name = order.output / f"{file.stem}_{order.target.stem}{_suffix(order)}"
         if name in names:
             raise FileError(
                 name, f"two results would have this name, of {names[name]} and of {file}; rename one, or run them apart"
@@ -105,13 +114,18 @@ def _result_files(files: list[Path], order: Order) -> list[Path]:
 
 
 def _write(path: Path, waiting: list[Result], order: Order, done: list[dict]) -> None:
-    save_results(path, waiting, animation_only=order.animation_only)
+    root = order.preset.root if order.preset is not None and path.suffix.lower() == ".fbx" else ""
+    save_results(path, waiting, animation_only=order.animation_only, **({"root": root} if root else {}))
     for each in done[len(done) - len(waiting) :]:
         each["output"] = str(path)
 
 
-def _suffix(target: Path) -> str:
-    return target.suffix.lower() if target.suffix.lower() in WRITTEN_SUFFIXES else ".glb"
+def _suffix(order: Order) -> str:
+    """Of files that have no name: the preset's, else the target's own, where that needs no other program to be written."""
+    if order.preset is not None:
+        return order.preset.suffix
+    own = order.target.suffix.lower()
+    return own if own in WRITTEN_SUFFIXES and own not in THROUGH_BLENDER else ".glb"
 
 
 def _motion_files(inputs: tuple[Path, ...]) -> Iterator[Path]:
@@ -162,7 +176,8 @@ def _wanted_clips(asset: Asset, order: Order) -> list[int]:
 def _trimmed(motion: Motion, order: Order) -> Motion:
     if order.start is not None or order.end is not None:
         motion = cut(motion, order.start, order.end)
-    return resample(motion, order.fps) if order.fps is not None else motion
+    fps = order.fps if order.fps is not None or order.preset is None else order.preset.rate(motion.fps)
+    return motion if fps is None or fps == motion.fps else resample(motion, fps)
 
 
 def _report_clip(file: Path, motion: Motion, result: Result, production: Production, seconds: float) -> dict[str, Any]:

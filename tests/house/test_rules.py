@@ -17,6 +17,8 @@ LINE = (
 HEAVY = {"scipy", "PIL", "onnxruntime", "viser", "matplotlib", "bpy", "warp", "numba", "trimesh", "torch"}
 COMPILED = {"retarget.contact.kernels", "retarget.contact.pair_kernels", "retarget.contact.skin_kernels", "retarget.motion.limit_kernels", "retarget.evaluate.reference.ray_parity"}
 """Modules of compiled loops: they import numba at their top, so nothing may import them at its own."""
+CHILDREN = {"retarget.io.blender_child"}
+"""Programs for another interpreter: nothing imports them."""
 BANNED_NAMES = {"utils", "helpers", "common", "manager"}
 
 
@@ -59,7 +61,7 @@ def test_a_method_never_imports_another(path):
 def test_nothing_heavy_at_module_level(path):
     tree = ast.parse(path.read_text())
     top = [node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))]
-    if f"retarget.{'.'.join(path.relative_to(SOURCE).with_suffix('').parts)}" in COMPILED:
+    if f"retarget.{'.'.join(path.relative_to(SOURCE).with_suffix('').parts)}" in COMPILED | CHILDREN:
         return
     for node in top:
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
@@ -68,6 +70,7 @@ def test_nothing_heavy_at_module_level(path):
             assert root not in HEAVY or room(path) == "train", f"{path.name} imports {root} at its top"
             members = {name} | {f"{name}.{alias.name}" for alias in node.names if isinstance(node, ast.ImportFrom)}
             assert not members & COMPILED, f"{path.name} imports compiled loops at its top"
+            assert not members & CHILDREN, f"{path.name} imports a program of another process"
 
 
 def test_torch_only_where_networks_are_trained():

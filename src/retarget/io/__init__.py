@@ -22,8 +22,17 @@ READERS = {
 }
 MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf")
 """Formats that can hold animation."""
-WRITTEN_SUFFIXES = (".bvh", ".glb", ".gltf")
-"""Those of them that are written."""
+WRITERS = {
+    ".bvh": "retarget.io.bvh",
+    ".glb": "retarget.io.gltf",
+    ".gltf": "retarget.io.gltf",
+    ".fbx": "retarget.io.blender",
+    ".abc": "retarget.io.blender",
+}
+"""Module that writes each suffix."""
+WRITTEN_SUFFIXES = tuple(WRITERS)
+THROUGH_BLENDER = (".fbx", ".abc")
+"""Those that Blender writes, where there is one."""
 
 
 def load(path: str | Path) -> Asset:
@@ -49,24 +58,25 @@ def load(path: str | Path) -> Asset:
 def save(
     path: str | Path, character: Character, motions: Sequence[Motion], *, animation_only: bool = False, **options: Any
 ) -> None:
-    """Write a character with its motions (glTF), or one motion alone (BVH).
+    """Write a character with its motions (glTF, FBX), one motion alone (BVH), or the surface that it moves (Alembic).
+    `options` are the writer's own: see `save` of the modules in `WRITERS`.
 
-    The file appears whole or not at all. Raises `FileError` for a suffix that cannot hold it or a folder that cannot be
-    written.
+    The file appears whole or not at all. Raises `FileError` for a suffix that cannot hold it, for a folder that cannot be
+    written, and where a program that the writer needs is not there.
     """
     path = Path(path)
     check_output(path)
+    suffix = path.suffix.lower()
+    writer = importlib.import_module(WRITERS[suffix])
     try:
-        if path.suffix.lower() == ".bvh":
+        if suffix == ".bvh":
             if len(motions) != 1:
                 raise FileError(
                     path, f"a BVH file holds one clip, received {len(motions)}; write one file a clip, or a .glb"
                 )
-            importlib.import_module("retarget.io.bvh").save(path, motions[0])
+            writer.save(path, motions[0])
         else:
-            importlib.import_module("retarget.io.gltf").save(
-                path, character, motions, animation_only=animation_only, **options
-            )
+            writer.save(path, character, motions, animation_only=animation_only, **options)
     except OSError as error:
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
 
@@ -82,3 +92,5 @@ def check_output(path: str | Path) -> None:
         raise FileError(path, "is a folder")
     if not path.parent.is_dir():
         raise FileError(path, f"the folder {path.parent} does not exist")
+    if path.suffix.lower() in THROUGH_BLENDER:
+        importlib.import_module("retarget.io.blender").blender(path)

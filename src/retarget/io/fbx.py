@@ -40,7 +40,8 @@ def load(path: str | Path) -> Asset:
         told = _convert(path, output)
         document = replace(read_document(output), path=path)
     asset = gltf.from_document(document)
-    said = f"FBX {told['version'] / 1000:g}, {told['unit_m']:g} m a unit, up {told['up'].lower()}, {told['fps']:g} frames a second"
+    up = "" if told["up"].lower() == "unknown" else f"up {told['up'].lower()}, "
+    said = f"FBX {told['version'] / 1000:g}, {told['unit_m']:g} m a unit, {up}{told['fps']:g} frames a second"
     return replace(asset, notes=(said, *told["notes"], *asset.notes))
 
 

@@ -1,0 +1,103 @@
+"""FBX and Alembic, written by Blender in a process of its own.
+
+Blender's licence (GPL) and its Python stay there: we write a GLB, `blender_child.py` turns it into what is wanted. FBX is
+written in centimetres with +Y up, no scale and no quarter turn on any object, bones with the axes that they have here, and
+a key on every frame: read again, joints stand within a hundredth of a millimetre of where they stood. Alembic holds the
+moving surfaces only.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from retarget.character import Character, Motion
+from retarget.errors import FileError
+from retarget.io import gltf
+from retarget.io.whole_file import written_whole
+
+CHILD = Path(__file__).with_name("blender_child.py")
+VARIABLE = "RETARGET_BLENDER"
+"""Names Blender's program, or a Python that has bpy."""
+CLIP = "retarget clip "
+"""What clips are called on the way, by number: the character may have others of their names, which stay behind."""
+SECONDS = 600.0
+"""How long writing may take."""
+
+
+def save(
+    path: str | Path, character: Character, motions: Sequence[Motion], *, animation_only: bool = False, root: str = ""
+) -> None:
+    """Write a character with its motions (.fbx), or the surface that the only one moves (.abc). `root` names a bone at the
+    ground that shall carry the skeleton; where there is none of that name at the top of it, FBX gets one.
+
+    The file appears whole or not at all. Raises `FileError` where there is no Blender, or where it fails, and for several
+    motions of an Alembic file or of different rates.
+    """
+    path = Path(path)
+    kind = path.suffix.lower().removeprefix(".")
+    if kind == "abc" and len(motions) != 1:
+        raise FileError(path, f"an Alembic file holds one clip, received {len(motions)}; write one file a clip")
+    rates = {motion.fps for motion in motions}
+    if len(rates) > 1:
+        raise FileError(path, f"clips of one file have one frame rate here, received {', '.join(f'{r:g}' for r in sorted(rates))}")
+    command = blender(path)
+    with tempfile.TemporaryDirectory(prefix="retarget-") as folder:
+        source, output, job = Path(folder) / "from.glb", Path(folder) / f"to.{kind}", Path(folder) / "job.json"
+        named = [replace(motion, name=f"{CLIP}{number}") for number, motion in enumerate(motions)]
+        gltf.save(source, character, named, animation_only=animation_only)
+        job.write_text(
+            json.dumps({
+                "glb": str(source), "output": str(output), "format": kind, "fps": rates.pop() if rates else 30.0,
+                "clips": {wanted.name: motion.name for wanted, motion in zip(named, motions)}, "root": root,
+            }),
+            encoding="utf-8",
+        )  # fmt: skip
+        _run([*command, "--", str(job)], path)
+        if not output.exists():
+            raise FileError(path, "Blender ended without an error and without a file")
+        with written_whole(path) as file, output.open("rb") as made:
+            shutil.copyfileobj(made, file)
+
+
+def blender(path: Path) -> list[str]:
+    """The command that runs the child, without its arguments. Raises `FileError` (of the file to write) where there is no
+    Blender."""
+    named = os.environ.get(VARIABLE)
+    if named and not shutil.which(named):
+        raise FileError(path, f"{VARIABLE} names {named}, which is no program")
+    found = named or shutil.which("blender")
+    if found:
+        if "blender" in Path(found).name.lower():
+            return [found, "--background", "--factory-startup", "--python-use-system-env", "--python", str(CHILD)]
+        return [found, str(CHILD)]
+    if importlib.util.find_spec("bpy") is not None:
+        return [sys.executable, str(CHILD)]
+    raise FileError(
+        path,
+        f"is written by Blender: put blender on the PATH, name it in {VARIABLE}, or pip install 'retarget[blender]' "
+        "(Python 3.11); a .glb needs none and opens in Blender, Unreal, Unity and Godot",
+    )
+
+
+def _run(command: list[str], path: Path) -> None:
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=SECONDS, stdin=subprocess.DEVNULL,
+            env=os.environ | {"PYTHONHASHSEED": "0"},  # identities in an FBX file are hashes of names
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise FileError(path, f"Blender takes longer than {SECONDS:g} s to write it") from None
+    except OSError as error:
+        raise FileError(path, f"Blender cannot be started: {error.strerror or error}") from None
+    if done.returncode != 0:
+        reason = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"it ended with {done.returncode}"
+        raise FileError(path, f"Blender cannot write it ({reason})")
