@@ -81,12 +81,6 @@ def test_the_result_is_written_as_glb_with_all_that_was_read(written, tmp_path):
     assert again.character.mesh.materials[0].name == "Skin"
 
 
-def test_fbx_is_not_written(written):
-    asset = load(written())
-    with pytest.raises(FileError, match="cannot write '.fbx'; use .bvh, .glb, .gltf"):
-        save("out.fbx", asset.character, [asset.motion()])
-
-
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
