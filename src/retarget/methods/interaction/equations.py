@@ -29,7 +29,7 @@ Array = np.ndarray
 
 MARGIN = 0.0018
 """Share of the height that surfaces keep apart."""
-MOST_CONTACT, MOST_REPULSION, MOST_NEAR = 130.0, 250.0, 30.0
+MOST_CONTACT, MOST_REPULSION, MOST_NEAR = 100.0, 250.0, 30.0
 """The sum of weights (before the terms' own) that all contacts, all penetrating vertices and all near pairs have at most: a
 large patch must not outweigh everything else."""
 SLACK = 0.1
@@ -56,7 +56,7 @@ class Weights:
     """A heel or a ball of the foot that does not."""
     reaching: float = 0.2
     """A palm that does not: where a belly only pushes an arm out, the hand stays where it was copied to."""
-    near: float = 40.0
+    near: float = 36.0
     """A pair of sensors that are near each other on the source: their distance in radii of the arm."""
     orientation: float = 0.01
     """The orientation of an end effector."""
