@@ -276,3 +276,26 @@ class Motion:
 
     def pose(self, frame: int) -> Pose:
         return Pose(self.rotations[frame], self.translations[frame], self.moved)
+
+
+@dataclass(frozen=True, eq=False)
+class MeshMotion:
+    """One mesh whose vertices move: a performance without skeleton."""
+
+    mesh: Mesh
+    """Faces and materials; its vertices are those of the first frame."""
+    vertices: Float[Array, "frames vertices 3"]
+    """Places on every frame, metres, in single precision."""
+    fps: float = 30.0
+    """Frames a second."""
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        _floats(self, "vertices", (None, len(self.mesh.vertices), 3), np.float32)
+        if not len(self.vertices):
+            raise RetargetError("a MeshMotion needs at least one frame")
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise RetargetError(f"MeshMotion.fps must be positive, received {self.fps}")
+
+    def __len__(self) -> int:
+        return len(self.vertices)

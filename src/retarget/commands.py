@@ -227,6 +227,9 @@ def describe(path: Path) -> dict[str, Any]:
         "faults": list(asset.notes),
     }
     mesh = asset.character.mesh if asset.character is not None else asset.mesh
+    if asset.sequence is not None:
+        mesh, moving = asset.sequence.mesh, asset.sequence
+        report["clips"] = [{"name": moving.name, "frames": len(moving), "fps": moving.fps}]
     if mesh is not None:
         report["vertices"], report["faces"] = len(mesh.vertices), len(mesh.faces)
     if asset.points is not None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from retarget.body.kinematics import joint_transforms, rest_pose, world_pose
-from retarget.character import Character, Motion
+from retarget.character import Character, MeshMotion, Motion
 from retarget.errors import RetargetError
 
 Array = np.ndarray
@@ -68,3 +68,10 @@ def rest_vertices(character: Character) -> Float[Array, "vertices 3"]:
     """Vertices in the skeleton's rest pose (metres), which may differ from the pose the mesh was bound in."""
     rotations, positions = rest_pose(character.skeleton)
     return prepare_skinning(character).vertices(rotations[None], positions[None])[0].astype(np.float64)
+
+
+def bake(character: Character, motion: Motion) -> MeshMotion:
+    """The surface that a motion moves, on every frame. Raises `RetargetError` for a character without one."""
+    vertices = prepare_skinning(character).vertices(*world_pose(motion))
+    mesh = replace(character.mesh, vertices=vertices[0].astype(np.float64))
+    return MeshMotion(mesh, vertices, motion.fps, motion.name)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from retarget.character import Character, Motion
+from retarget.character import Character, MeshMotion, Motion
 from retarget.errors import FileError, RetargetError
 from retarget.io.asset import Asset
 
@@ -41,6 +41,8 @@ def load(path: str | Path) -> Asset:
     suffix = path.suffix.lower()
     if not path.exists():
         raise FileError(path, "no such file")
+    if path.is_dir():
+        return importlib.import_module("retarget.io.mesh_folder").load(path)
     if suffix not in READERS:
         raise FileError(path, f"unknown suffix {suffix!r}; supported: {' '.join(sorted(READERS))}")
     if not path.is_file():
@@ -79,6 +81,20 @@ def save(
             writer.save(path, character, motions, animation_only=animation_only, **options)
     except OSError as error:
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+
+
+def save_sequence(path: str | Path, motion: MeshMotion) -> None:
+    """Write a mesh sequence as glTF (.glb, .gltf; frames as morph targets), or as a folder of PLY files (no suffix).
+
+    The file, or folder, appears whole or not at all. Raises `FileError` for other suffixes and where it cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() in (".glb", ".gltf"):
+        importlib.import_module("retarget.io.gltf_morph").save_sequence(path, motion)
+    elif not path.suffix:
+        importlib.import_module("retarget.io.mesh_folder").save(path, motion)
+    else:
+        raise FileError(path, f"a mesh sequence is written as .glb, .gltf or a folder, not as {path.suffix!r}")
 
 
 def check_output(path: str | Path) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from retarget.character import Character, Mesh, Motion, PointCloud
+from retarget.character import Character, Mesh, MeshMotion, Motion, PointCloud
 from retarget.errors import FileError, unknown_name
 
 
@@ -35,13 +35,15 @@ class Asset:
 
     path: Path
     kind: str
-    """'motion' (skeleton and clips), 'character' (with a skin), 'mesh' or 'points'."""
+    """'motion' (skeleton and clips), 'character' (with a skin), 'mesh', 'points' or 'mesh sequence'."""
     character: Character | None = None
     """Skeleton, and surface where the file has one; present for the kinds 'motion' and 'character'."""
     mesh: Mesh | None = None
     """The bare surface of a 'mesh'."""
     points: PointCloud | None = None
     """The cloud of a file of kind 'points'."""
+    sequence: MeshMotion | None = None
+    """The moving surface of a 'mesh sequence'."""
     clips: tuple[Clip, ...] = ()
     convention: Convention = field(default_factory=Convention)
     notes: tuple[str, ...] = ()

@@ -11,6 +11,7 @@ from retarget.io.asset import Asset, Convention
 from retarget.io.gltf_bind import read_bindings, rest_skeleton
 from retarget.io.gltf_clips import list_clips, moving_nodes, read_motion, scaling_joints
 from retarget.io.gltf_document import Document, read_document
+from retarget.io.gltf_morph import animates_weights, read_sequence
 from retarget.io.gltf_nodes import (
     GltfOrigin,
     NodeTree,
@@ -34,7 +35,8 @@ def load(path: str | Path) -> Asset:
     """Read a .glb or .gltf file: skeleton, surface, materials, and its clips, which are decoded when asked for.
 
     The kind is 'character' for a file with a surface that its joints move, 'motion' for a skeleton without, 'mesh' for
-    one without a skeleton. The rest pose is the one in which the mesh was bound, if the file tells it. Joints are
+    one without a skeleton, 'mesh sequence' where
+    animated morph targets move that. The rest pose is the one in which the mesh was bound, if the file tells it. Joints are
     rigid: scaled nodes become lengths, and `Skin.inverse_binds` carries their scale. Vertices lie where they stood in
     the world at binding.
 
@@ -53,6 +55,9 @@ def from_document(document: Document) -> Asset:
     mesh, notes = read_still_mesh(document, tree)
     if mesh is None:
         raise document.fail("holds neither a skeleton nor a mesh")
+    sequence = read_sequence(document, tree, mesh) if animates_weights(document) else None
+    if sequence is not None:
+        return Asset(document.path, "mesh sequence", sequence=sequence, convention=CONVENTION, notes=tuple(notes))
     left = len(document.entries("animations"))
     if left:
         notes.append(f"{left} animations move no node and are left out")

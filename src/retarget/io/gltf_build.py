@@ -148,8 +148,10 @@ def bound_surface(
     return placed, np.linalg.inv(T_world_rest), joints, weights
 
 
-def add_mesh(draft: Draft, mesh: Mesh, vertices: Array, joints: Array, weights: Array, name: str) -> int:
-    """The mesh with one primitive a material; all share the vertex data. Normals are smooth across texture seams."""
+def add_mesh(
+    draft: Draft, mesh: Mesh, vertices: Array, joints: Array | None, weights: Array | None, name: str
+) -> int:
+    """The mesh with one primitive a material, and what moves it, if anything; all share the vertex data. Normals are smooth across texture seams."""
     target = {"target": VERTEX_DATA}
     attributes = {
         "POSITION": draft.add_accessor(vertices.astype(np.float32), bounds=True, **target),
@@ -157,7 +159,8 @@ def add_mesh(draft: Draft, mesh: Mesh, vertices: Array, joints: Array, weights: 
     }
     if mesh.uvs is not None:
         attributes["TEXCOORD_0"] = draft.add_accessor(mesh.uvs.astype(np.float32), **target)
-    attributes |= add_influences(draft, joints, weights)
+    if joints is not None:
+        attributes |= add_influences(draft, joints, weights)
     materials = mesh.materials or (Material(),)
     groups = np.zeros(len(mesh.faces), int) if mesh.face_materials is None else mesh.face_materials
     numbers: dict[bytes, int] = {}
@@ -171,7 +174,7 @@ def add_mesh(draft: Draft, mesh: Mesh, vertices: Array, joints: Array, weights: 
                 {**entry, "material": add_material(draft, materials[material], mesh.uvs is not None, numbers)}
             )
     if not primitives:
-        raise RetargetError("the character's mesh has no faces to write")
+        raise RetargetError("the mesh has no faces to write")
     return draft.add("meshes", {"name": name, "primitives": primitives})
 
 

@@ -23,6 +23,11 @@ def file_row(path: Path, columns: int, clip: str | None = None) -> Row:
     asset = load(path)
     if asset.mesh is not None:
         return Row(path.stem, asset.mesh, asset.mesh.vertices[None])
+    if asset.sequence is not None:
+        moving = asset.sequence
+        chosen = np.unique(choose_frames(len(moving), columns))
+        captions = tuple(f"{frame / moving.fps:.2f} s" for frame in chosen)
+        return Row(path.stem, moving.mesh, moving.vertices[chosen].astype(np.float64), captions)
     if asset.character is None:
         raise FileError(path, f"holds {asset.kind}; a picture needs a surface or a skeleton")
     motion = (

@@ -1,0 +1,114 @@
+"""Mesh sequences in glTF: a mesh whose morph targets are its frames (specification 3.7.2.2 and 3.11)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from retarget.character import Mesh, MeshMotion
+from retarget.errors import FileError
+from retarget.io.gltf_build import add_mesh
+from retarget.io.gltf_clips import key_times, timeline
+from retarget.io.gltf_document import Document
+from retarget.io.gltf_draft import Draft, write_files
+from retarget.io.gltf_nodes import NodeTree
+
+Array = np.ndarray
+
+LARGEST = 1 << 31
+"""Bytes of vertices that are held at most."""
+VERTEX_DATA = 34962
+
+
+def animates_weights(document: Document) -> bool:
+    """Whether some animation moves morph targets."""
+    return any(
+        channel["target"]["path"] == "weights" and "node" in channel["target"]
+        for animation in document.entries("animations")
+        for channel in animation["channels"]
+    )
+
+
+def read_sequence(document: Document, tree: NodeTree, mesh: Mesh) -> MeshMotion | None:
+    """The first animation of morph targets, sampled on an even grid; None where the mesh that moves is not the whole
+    surface, whose places in the world `mesh` holds, with targets that all its primitives share."""
+    animation, channel = next(
+        (animation, channel)
+        for animation in document.entries("animations")
+        for channel in animation["channels"]
+        if channel["target"]["path"] == "weights" and "node" in channel["target"]
+    )
+    node = channel["target"]["node"]
+    shown = [number for number, each in enumerate(document.json["nodes"]) if "mesh" in each]
+    primitives = document.json["meshes"][document.json["nodes"][node]["mesh"]]["primitives"] if node in shown else []
+    if shown != [node] or not primitives[0].get("targets"):
+        return None
+    own = [(each["attributes"].get("POSITION"), each.get("targets")) for each in primitives]
+    if any(each != own[0] for each in own) or own[0][0] is None:
+        return None
+    targets = [target["POSITION"] for target in primitives[0]["targets"] if "POSITION" in target]
+    if len(targets) != len(primitives[0]["targets"]):
+        return None
+    sampler = animation["samplers"][channel["sampler"]]
+    times = key_times(document, sampler["input"])
+    grid = timeline(times)
+    weights = _weights(document, sampler, times, grid.times, len(targets))
+    base = document.floats(primitives[0]["attributes"]["POSITION"], ("VEC3",))
+    if len(base) != len(mesh.vertices) or 12 * len(base) * grid.frames > LARGEST:
+        return None
+    moves = [document.floats(target, ("VEC3",)) for target in targets]
+    for target, move in zip(targets, moves):
+        if len(move) != len(base):
+            raise document.fail(f"a morph target has {len(move)} vertices for {len(base)}", f"accessors[{target}]")
+    world = tree.world[node]
+    places = base + np.tensordot(weights, np.stack(moves), axes=1)
+    places = places @ world[:3, :3].T + world[:3, 3]
+    return MeshMotion(mesh, places.astype(np.float32), grid.fps, animation.get("name") or document.path.stem)
+
+
+def _weights(
+    document: Document, sampler: dict[str, Any], times: Array, at: Float[Array, "frames"], targets: int
+) -> Float[Array, "frames targets"]:
+    """Weights of all targets at some times. Raises `FileError` for another number of values than keys and targets need."""
+    mode = sampler.get("interpolation", "LINEAR")
+    rows = document.floats(sampler["output"], ("SCALAR",))[:, 0]
+    if len(rows) != len(times) * targets * (3 if mode == "CUBICSPLINE" else 1):
+        raise document.fail(
+            f"has {len(rows)} weights for {len(times)} keys of {targets} morph targets", f"accessors[{sampler['output']}]"
+        )
+    if mode == "CUBICSPLINE":
+        rows = rows.reshape(len(times), 3, targets)[:, 1]  # the keys themselves; tangents matter between frames only
+    values = rows.reshape(len(times), targets)
+    if mode == "STEP":
+        return values[np.clip(np.searchsorted(times, at + 1e-6, side="right") - 1, 0, len(times) - 1)]
+    return np.stack([np.interp(at, times, column) for column in values.T], axis=1)
+
+
+def save_sequence(path: str | Path, motion: MeshMotion) -> None:
+    """Write a mesh sequence as .glb or .gltf: every frame but the first is a morph target, and the animation goes from each
+    to the next. Raises `FileError` where it cannot be written."""
+    path = Path(path)
+    if path.suffix.lower() not in (".glb", ".gltf"):
+        raise FileError(path, f"glTF is written as .glb or .gltf, received the suffix {path.suffix!r}")
+    draft, name = Draft.empty(), motion.name or "sequence"
+    base = motion.vertices[0].astype(np.float64)
+    mesh = add_mesh(draft, motion.mesh, base, None, None, name)
+    moves = motion.vertices[1:] - motion.vertices[:1]
+    targets = [{"POSITION": draft.add_accessor(each, bounds=True, target=VERTEX_DATA)} for each in moves]
+    node: dict[str, Any] = {"name": name, "mesh": mesh}
+    if targets:
+        entry = draft.json["meshes"][mesh]
+        entry["primitives"] = [{**each, "targets": targets} for each in entry["primitives"]]
+        entry["weights"] = [0.0] * len(targets)
+        times = (np.arange(len(motion)) / motion.fps).astype(np.float32)[:, None]
+        weights = np.eye(len(motion), dtype=np.float32)[:, 1:].reshape(-1, 1)
+        sampler = {"input": draft.add_accessor(times, bounds=True), "output": draft.add_accessor(weights)}
+        channel = {"sampler": 0, "target": {"node": 0, "path": "weights"}}
+        draft.add("animations", {"name": name, "samplers": [sampler], "channels": [channel]})
+    draft.add("nodes", node)
+    draft.add("scenes", {"nodes": [0]})
+    draft.json["scene"] = 0
+    write_files(draft.gltf(path) if path.suffix.lower() == ".gltf" else draft.glb(path))
