@@ -53,6 +53,7 @@ FORMULAS = {
     "contact_error_ratio": "two_sided_contact_error, ours over copy-rotations, means over the bodies as heavy as the performers or heavier; `_slimmer` of heavy performers on slimmer bodies",
     "penetration_ratio_heavier": "penetration_percent, ours over copy-rotations, likewise; the source's own penetration is in both. `excess_` is the same of excess_penetration_percent, without it",
     "contacts_kept_foreign": "contacts_kept on other makers' characters, carried by sensors; contacts that a search over all poses within generous bounds cannot bring together are not counted",
+    "contacts_keepable_foreign": "share of those contacts that could be kept at once if each part were laid on each other part by itself, rigidly, as well as it can be: a bound that shapes of patches set; one frame in 15",
     "jerk_added_mm": "largest |third difference| at 30 frames/s of (result - copy-rotations) of hips, head, hands and feet, mm at 1.7 m; in the summary of authored clips alone, whose sources are almost free of jerk",
     "displacement_cm": "distance of every humanoid joint from its place under copy-rotations; mean, cm at 1.7 m",
     "leg_change_deg": "angle between a leg joint's local rotation and that under copy-rotations; mean over hips, knees, ankles and frames, degrees",
