@@ -59,6 +59,13 @@ FORMULAS = {
     "leg_change_deg": "angle between a leg joint's local rotation and that under copy-rotations; mean over hips, knees, ankles and frames, degrees",
     "no_fault_change_deg": "the largest such angle of any humanoid joint, mean over the frames on which copy-rotations neither penetrates more than the source nor loses a contact nor slides, degrees",
     "prepare_seconds": "wall time of matching a pair of bodies, from nothing kept",
+    # Of the formats bench.
+    "gltf_round_trip_mm": "largest distance of a joint on any frame, or of a skin vertex from the nearest that came back (three frames), after writing and reading; `fbx_`, `usd_`, `vrm_` likewise, where this machine can write them",
+    "fbx_joint_mm": "largest distance of a joint, over real files, takes and frames, from where Blender's import has it (RETARGET_BPY_PYTHON names a Python with bpy)",
+    "fbx_read_seconds_worst": "wall time of reading the slowest real FBX file",
+    "validator_errors": "errors of the Khronos validator over all GLB files written for the round trips",
+    "mutations": "damaged files read, of the format with the fewest: a few bytes changed, cut, doubled, overwritten or cut off, seeded",
+    "crashes": "damaged files that ended in anything but a result or one line; `hangs`: in neither within 30 s",
     # Of one result, as `retarget evaluate` judges it.
     "deepest_mm": "largest depth of any vertex in a part that it does not belong to, mm at 1.7 m",
     "hand_speed_m_s": "speed of both hand joints, mean over frames, m/s; `top` is the highest",

@@ -7,6 +7,7 @@ from types import ModuleType
 
 BENCHES = {
     "contact": "retarget.evaluate.benches.contact",
+    "formats": "retarget.evaluate.benches.formats",
     "interaction": "retarget.evaluate.benches.interaction",
     "skeletal": "retarget.evaluate.benches.skeletal",
 }
