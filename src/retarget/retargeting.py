@@ -50,14 +50,14 @@ def cast(subject: str | Path | Asset | Character, hints: Hints | None = None, mo
     """
     hints = hints or Hints()
     if isinstance(subject, Character):
-        character, convention = subject, Convention(1.0, "+y")
+        character, convention, joints = subject, Convention(1.0, "+y"), hints.joints
     else:
         asset = open_asset(subject)
         if asset.character is None:
             problem = f"holds a {asset.kind} without skeleton; a rigged character (glTF with a skin) or a BVH is needed"
             raise FileError(asset.path, problem)
-        character, convention = asset.character, asset.convention
-    humanoid = _humanoid(character, hints.joints)
+        character, convention, joints = asset.character, asset.convention, hints.joints or asset.humanoid
+    humanoid = _humanoid(character, joints)
     surface = rest_vertices(character) if character.skin is not None else None
     return make_actor(character, humanoid, convention, motion, up=hints.up, unit=hints.unit, rest_surface=surface)
 

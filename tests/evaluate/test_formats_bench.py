@@ -12,16 +12,16 @@ def small(monkeypatch):
     monkeypatch.setattr(formats, "SLOW", ())
     monkeypatch.setattr(formats, "real_files", lambda *suffixes: iter(()))
     monkeypatch.setattr(formats, "foreign_actors", lambda: iter(()))
-    monkeypatch.setattr(formats, "FORMATS", {"gltf": (".glb", ".gltf")})
+    monkeypatch.setattr(formats, "FORMATS", {"gltf": (".glb", ".gltf"), "vrm": (".vrm",)})
 
 
 def test_what_is_written_comes_back(small):
     report = formats.run(quick=True)
     summary = report["summary"]
-    assert summary["gltf_round_trip_mm"] < 0.1
+    assert summary["gltf_round_trip_mm"] < 0.1 and summary["vrm_round_trip_mm"] < 0.1
     assert summary["mutations"] == 20 and summary["crashes"] == summary["hangs"] == 0
     assert summary["validator_errors"] in (None, 0)
-    assert {row["format"] for row in report["rows"]} == {".bvh", ".glb", ".gltf", ".obj", ".ply"}
+    assert {row["format"] for row in report["rows"]} == {".bvh", ".glb", ".gltf", ".vrm", ".obj", ".ply"}
 
 
 def test_what_comes_back_changed_is_seen(small, monkeypatch):

@@ -19,13 +19,15 @@ READERS = {
     ".gltf": "retarget.io.gltf",
     ".obj": "retarget.io.obj_ply",
     ".ply": "retarget.io.obj_ply",
+    ".vrm": "retarget.io.gltf",
 }
-MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf")
+MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".vrm")
 """Formats that can hold animation."""
 WRITERS = {
     ".bvh": "retarget.io.bvh",
     ".glb": "retarget.io.gltf",
     ".gltf": "retarget.io.gltf",
+    ".vrm": "retarget.io.gltf",
     ".fbx": "retarget.io.blender",
     ".abc": "retarget.io.blender",
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -48,6 +48,8 @@ class Asset:
     convention: Convention = field(default_factory=Convention)
     notes: tuple[str, ...] = ()
     """Faults found, repairs made and content passed over, one sentence each."""
+    humanoid: Mapping[str, str] | None = None
+    """Canonical name to joint name, where the file itself says which joints are which (VRM)."""
     read_clip: Callable[[int], Motion] | None = None
     """Decodes one clip; files with dozens of clips are not decoded for the one that is wanted."""
 

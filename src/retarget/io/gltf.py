@@ -24,6 +24,7 @@ from retarget.io.gltf_nodes import (
 )
 from retarget.io.gltf_surface import read_still_mesh, read_surface
 from retarget.io.gltf_write import save
+from retarget.io.vrm import humanoid_map
 
 __all__ = ["GltfOrigin", "load", "save"]
 
@@ -32,7 +33,7 @@ CONVENTION = Convention(metres_per_unit=1.0, up="+y", forward="+z")
 
 
 def load(path: str | Path) -> Asset:
-    """Read a .glb or .gltf file: skeleton, surface, materials, and its clips, which are decoded when asked for.
+    """Read a .glb, .gltf or .vrm file: skeleton, surface, materials, and its clips, which are decoded when asked for.
 
     The kind is 'character' for a file with a surface that its joints move, 'motion' for a skeleton without, 'mesh' for
     one without a skeleton, 'mesh sequence' where
@@ -77,6 +78,8 @@ def _skeletal(document: Document, tree: NodeTree, nodes: list[int]) -> Asset:
     binds = {number: binding.inverse_binds for number, binding in enumerate(bindings) if not binding.clean}
     clips, numbers, more = list_clips(document, rig)
     notes += more
+    humanoid, more = humanoid_map(document, rig, names)
+    notes += more
     uneven = [joint for joint in range(len(names)) if not is_uniform(rig.stretch[joint])]
     if uneven:
         notes.append(f"{_some(names, uneven)} scaled unevenly: the surface is exact at rest, near it in other poses")
@@ -97,6 +100,7 @@ def _skeletal(document: Document, tree: NodeTree, nodes: list[int]) -> Asset:
         convention=CONVENTION,
         notes=tuple(notes),
         read_clip=read_clip,
+        humanoid=humanoid,
     )
 
 

@@ -178,7 +178,7 @@ def read_document(path: Path) -> Document:
     if data[:4] == b"glTF":
         text, binary, chunks = _split_glb(path, data)
     else:
-        if path.suffix.lower() == ".glb":
+        if path.suffix.lower() in (".glb", ".vrm"):
             raise FileError(path, "is not a GLB file: it does not begin with 'glTF'", "byte 0")
         text, binary, chunks = data, None, ()
     document = _parse(path, text)
@@ -260,7 +260,7 @@ def _check_extensions(path: Path, document: dict[str, Any]) -> None:
                 f"is compressed with {COMPRESSION[name]} ({name}), which a later version will read; "
                 "export it without compression",
             )
-        if name not in HARMLESS and not name.startswith(("KHR_materials_", "EXT_materials_")):
+        if name not in HARMLESS and not name.startswith(("KHR_materials_", "EXT_materials_", "VRM")):
             raise FileError(
                 path,
                 f"requires the extension {name[:60]!r}, which cannot be read; export it without",

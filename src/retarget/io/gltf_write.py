@@ -14,6 +14,7 @@ from retarget.errors import FileError, RetargetError
 from retarget.io.gltf_build import add_influences, add_matrices, bare_document, character_document
 from retarget.io.gltf_draft import Draft, write_files
 from retarget.io.gltf_nodes import GltfOrigin, Rig, node_transform
+from retarget.io.vrm import is_vrm
 
 Array = np.ndarray
 
@@ -38,9 +39,11 @@ def save(
     written. The file appears whole or not at all.
     """
     path = Path(path)
-    if path.suffix.lower() not in (".glb", ".gltf"):
+    if path.suffix.lower() not in (".glb", ".gltf", ".vrm"):
         raise FileError(path, f"glTF is written as .glb or .gltf, received the suffix {path.suffix!r}")
     origin = character.origin if isinstance(character.origin, GltfOrigin) else None
+    if path.suffix.lower() == ".vrm" and (animation_only or origin is None or not is_vrm(origin.document)):
+        raise FileError(path, "only a whole character that was read from VRM is written as .vrm; use .glb")
     if origin is not None:
         _check_skeleton("the character", character.skeleton, origin.skeleton)
     for motion in motions:
@@ -60,7 +63,7 @@ def save(
         for motion in motions:
             append_motion(draft, rig, motion, held)
     draft.json["asset"]["generator"] = "retarget"
-    write_files(draft.glb(path) if path.suffix.lower() == ".glb" else draft.gltf(path))
+    write_files(draft.gltf(path) if path.suffix.lower() == ".gltf" else draft.glb(path))
 
 
 def _check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:

@@ -22,14 +22,16 @@ from retarget.evaluate.damage import Outcomes, outcomes
 from retarget.evaluate.environment import environment
 from retarget.evaluate.validator import errors_found
 from retarget.io import WRITTEN_SUFFIXES, load, save
+from retarget.io.gltf_draft import Draft, write_files
 from retarget.io.obj_ply import save as save_surface
 from retarget.methods.copy_rotations import CopyRotations
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
 from retarget.progress import Tell, untold
+from retarget.retargeting import cast
 
 SEED = 1
-FORMATS = {"gltf": (".glb", ".gltf"), "fbx": (".fbx",)}
+FORMATS = {"gltf": (".glb", ".gltf"), "vrm": (".vrm",), "fbx": (".fbx",)}
 """Suffixes of each format whose round trip is measured, where this machine can write it."""
 BODIES, MOTIONS = ("heavy", "child"), ("wave", "walk")
 FRAMES = (0, 7, 20)
@@ -74,7 +76,7 @@ def run(quick: bool = False, tell: Tell = untold) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _performances(quick: bool) -> Iterator[tuple[str, Character, Motion]]:
+def _performances(folder: Path, quick: bool) -> Iterator[tuple[str, Character, Motion]]:
     """Characters with a motion of their own, in the space of their files."""
     source = embedded_actor("thin")
     for body in BODIES[: 1 if quick else None]:
@@ -83,6 +85,8 @@ def _performances(quick: bool) -> Iterator[tuple[str, Character, Motion]]:
             motion = cut(embedded_motion(name), 0.0, 1.0)
             yield f"{body}_{name}", actor.character, CopyRotations().prepare(source, actor)(motion).motion
     motion = cut(embedded_motion("wave"), 0.0, 1.0)
+    avatar = cast(_avatar(folder))
+    yield "avatar_wave", avatar.original, CopyRotations().prepare(source, avatar)(motion).file_motion
     for name, actor in foreign_actors():
         result = CopyRotations().prepare(source, actor)(motion)
         yield f"{name}_wave", actor.original, result.file_motion
@@ -90,9 +94,23 @@ def _performances(quick: bool) -> Iterator[tuple[str, Character, Motion]]:
             return
 
 
+def _avatar(folder: Path) -> Path:
+    """An embedded body as a VRM 1.0 file."""
+    actor, path = embedded_actor("child"), folder / "avatar.vrm"
+    save(path.with_suffix(".gltf"), actor.character, [])
+    asset = load(path.with_suffix(".gltf"))
+    draft = Draft.of(asset.character.origin.document)
+    node = {entry["name"]: number for number, entry in enumerate(draft.json["nodes"])}
+    bones = {name: {"node": node[actor.skeleton.names[joint]]} for name, joint in actor.humanoid.joints.items()}
+    draft.json["extensions"] = {"VRMC_vrm": {"specVersion": "1.0", "humanoid": {"humanBones": bones}}}
+    draft.json["extensionsUsed"] = ["VRMC_vrm"]
+    write_files(draft.glb(path))
+    return path
+
+
 def _round_trips(folder: Path, quick: bool, tell: Tell) -> Iterator[dict[str, Any]]:
     """Largest distance of a joint, or of a vertex from the nearest that came back, on clips that were written and read."""
-    for name, character, motion in _performances(quick):
+    for name, character, motion in _performances(folder, quick):
         for kind, suffixes in FORMATS.items():
             for suffix in suffixes:
                 path = folder / f"{name}{suffix}"
@@ -170,7 +188,7 @@ def _from_blender(path: Path, asset, python: str, folder: Path) -> float | None:
 def _damage(folder: Path, quick: bool, tell: Tell) -> Iterator[tuple[str, Outcomes]]:
     """What damaged files of every format come to."""
     body, motion = embedded_actor("child").character, cut(embedded_motion("wave"), 0.0, 0.2)
-    for suffix in (".bvh", ".glb", ".gltf", ".obj", ".ply", *SLOW):
+    for suffix in (".bvh", ".glb", ".gltf", ".vrm", ".obj", ".ply", *SLOW):
         own = folder / f"damaged{suffix[1:]}"
         own.mkdir()
         seed = own / f"seed{suffix}"  # with what lies beside it
@@ -178,6 +196,8 @@ def _damage(folder: Path, quick: bool, tell: Tell) -> Iterator[tuple[str, Outcom
         try:
             if suffix in (".obj", ".ply"):
                 save_surface(seed, body.mesh)
+            elif suffix == ".vrm":
+                seed = _avatar(own)
             else:
                 save(seed, body, [motion])
         except RetargetError:  # a program that writes it is not at hand: a real file, or none
