@@ -324,6 +324,40 @@ def evaluate_(
     _say(evaluate_files(question, progress=sys.stderr.isatty() and not as_json), as_json)
 
 
+@app.command()
+def report(
+    result: Annotated[Path, typer.Argument(help="The animated character to report on.", show_default=False)],
+    source: Annotated[
+        Optional[Path], typer.Argument(help="The motion that it was made from.", show_default=False)
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The .html to write.")] = Path("report.html"),
+    clip: Annotated[
+        Optional[str],
+        typer.Option(help="The result's clip (the last one of the source's name if not given).", show_default=False),
+    ] = None,
+    source_clip: Annotated[
+        Optional[str], typer.Option(help="The source's clip (the one of the result's name).", show_default=False)
+    ] = None,
+    start: Annotated[
+        Optional[float], typer.Option(help="First second of the source that was retargeted.", show_default=False)
+    ] = None,
+    end: Annotated[Optional[float], typer.Option(help="Last second of it.", show_default=False)] = None,
+    map_file: Annotated[
+        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
+    ] = None,
+    up: Up = None,
+    unit: Unit = None,
+    as_json: Json = False,
+) -> None:
+    """One HTML page with the moving result, figures, curves and findings: `retarget report knight_dance.glb dance.bvh`."""
+    _listen(False)
+    from retarget.commands_view import Showing, write_report
+
+    sources = () if source is None else (source,)
+    showing = Showing(result, sources, clip, source_clip, start, end, map_file, up, unit)
+    _say(write_report(showing, output, progress=sys.stderr.isatty() and not as_json), as_json)
+
+
 @app.command(epilog="\n\n".join(f"{key}: {sentence}." for key, sentence in FORMULAS.items()))
 def bench(
     name: Annotated[str, typer.Argument(help="contact, interaction or skeletal")],
