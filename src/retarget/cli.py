@@ -325,6 +325,41 @@ def evaluate_(
 
 
 @app.command()
+def view(
+    result: Annotated[Path, typer.Argument(help="The animated character, or motion, to look at.", show_default=False)],
+    sources: Annotated[
+        Optional[list[Path]], typer.Argument(help="Motions or characters to see beside it.", show_default=False)
+    ] = None,
+    clip: Annotated[
+        Optional[str],
+        typer.Option(help="The result's clip (the last one of the source's name if not given).", show_default=False),
+    ] = None,
+    source_clip: Annotated[
+        Optional[str], typer.Option(help="The sources' clip (the one of the result's name).", show_default=False)
+    ] = None,
+    start: Annotated[
+        Optional[float], typer.Option(help="First second of the source that was retargeted.", show_default=False)
+    ] = None,
+    end: Annotated[Optional[float], typer.Option(help="Last second of it.", show_default=False)] = None,
+    map_file: Annotated[
+        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
+    ] = None,
+    up: Up = None,
+    unit: Unit = None,
+    port: Annotated[
+        Optional[int], typer.Option(help="Port on this machine (any free one if not given).", min=1, max=65535, show_default=False)
+    ] = None,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+) -> None:
+    """Look at a result in the browser, beside its source: `retarget view knight_dance.glb dance.bvh`."""
+    _listen(False)
+    from retarget.commands_view import Showing, view_files
+
+    showing = Showing(result, tuple(sources or ()), clip, source_clip, start, end, map_file, up, unit)
+    view_files(showing, port, browser, progress=sys.stderr.isatty())
+
+
+@app.command()
 def report(
     result: Annotated[Path, typer.Argument(help="The animated character to report on.", show_default=False)],
     source: Annotated[

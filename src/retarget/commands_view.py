@@ -181,7 +181,7 @@ def _sheet(
 def _rows(columns: list, told: dict[str, Any]) -> Iterator[tuple[str, str, tuple[str, ...], str]]:
     for group, rows in ROWS:
         for key, words, unit, factor in rows:
-            if key in told:
+            if told.get(key) is not None:
                 values = [figure(key) for _, figure in columns]
                 yield group, words, tuple("" if each is None else f"{each * factor:.2f}" for each in values), unit
                 group = ""
@@ -209,3 +209,32 @@ def _inferred(bodies: list[StageBody]) -> Iterator[str]:
             f"{len(actor.skeleton)} joints, {len(actor.humanoid.joints)} of them matched by {actor.humanoid.evidence}"
         )
         yield from (f"{who}: {note}" for note in actor.notes)
+
+
+def view_files(showing: Showing, port: int | None = None, open_browser: bool = True, progress: bool = False) -> None:
+    """Show bodies in a browser until Ctrl-C. Raises `RetargetError` for input that cannot be used, without viser, and for
+    a port that is taken."""
+    from retarget.view.viewer import Viewer, require_viser
+
+    require_viser()  # said before minutes of reading
+    with progress_line(progress) as tell:
+        tell("reading", 0)
+        performers = performers_of(showing)
+        bodies = [
+            stage_body(label, take, tell=lambda doing, n=0, who=label.split(":")[0]: tell(f"{who}: {doing}", n))
+            for label, take in performers.takes.items()
+        ]
+    for note in [*performers.notes, *(note for body in bodies for note in body.notes)]:
+        print(f"note: {note}")
+    viewer = Viewer(bodies, port)
+    try:
+        print(f"{viewer.address} (Ctrl-C ends)", flush=True)
+        if open_browser:
+            import webbrowser
+
+            webbrowser.open(viewer.address)
+        viewer.play()
+    except KeyboardInterrupt:
+        pass  # the way to end it
+    finally:
+        viewer.close()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from retarget.view.stage import StageBody, camera_path, facing, layout, part_colors, strongest
+from retarget.view.stage import StageBody, camera_path, drawn_bones, facing, layout, part_colors, strongest
 
 Array = np.ndarray
 
@@ -29,7 +29,7 @@ def scene_json(bodies: Sequence[StageBody]) -> str:
     scene = {
         "fps": bodies[0].take.fps,
         "frames": bodies[0].frames,
-        "yaw": round(math.atan2(forward[0], forward[2]) - math.radians(25), 5),
+        "yaw": round(math.atan2(forward[0], forward[2]) - math.radians(20), 5),
         "bodies": [
             _body(body, [each[number] for each in moves], CLAY[number % len(CLAY)])
             for number, body in enumerate(bodies)
@@ -53,6 +53,7 @@ def _body(body: StageBody, moves: list[Float[Array, "3"]], clay: tuple[int, int,
         "spot_code": _packed(body.spots.code),
         "rotations": _packed(body.take.rotations.astype(np.float32)),
         "positions": _packed(body.take.positions.astype(np.float32)),
+        "bones": _packed(drawn_bones(body).astype(np.int16)),
         "parents": _packed(skeleton.parents.astype(np.int16)),
         "joints": _indices(skin.joints, len(skeleton)),
         "binds": _packed(skin.inverse_binds[:, :3].astype(np.float32)),

@@ -12,7 +12,7 @@ const unpack = ({kind, data}) => {
 };
 const last = page.frames - 1, seconds = last / page.fps;
 const state = {
-  time: 0, playing: page.frames > 1, speed: 1, yaw: page.yaw, pitch: 0.2, zoom: 1, pan: [0, 0, 0],
+  time: 0, playing: page.frames > 1, speed: 1, yaw: page.yaw, pitch: 0.15, zoom: 1, pan: [0, 0, 0],
   layout: 0, follow: true, mesh: true, bones: false, sensors: false, spots: true, color: "clay",
   shown: page.bodies.map(() => true), lit: null, drawn: 0, dirty: true,
 };
@@ -48,7 +48,7 @@ uniform vec3 eye, light, flat_color; uniform bool shadow, flat_shaded; uniform f
 out vec4 shown;
 vec3 linear(vec3 c) { return pow(c, vec3(2.2)); }
 void main() {
-  if (shadow) { shown = vec4(0.05, 0.06, 0.09, 0.22); return; }
+  if (shadow) { shown = vec4(0.05, 0.06, 0.09, 0.30); return; }
   if (flat_shaded) {
     vec2 off = gl_PointCoord - 0.5;
     if (dot(off, off) > 0.25) discard;
@@ -59,7 +59,7 @@ void main() {
   vec3 base = linear(color);
   float inside = smoothstep(0.2, 1.2, depth);
   vec3 heat = mix(linear(vec3(1.0, 0.66, 0.0)), linear(vec3(0.80, 0.05, 0.10)), clamp(depth / 30.0, 0.0, 1.0));
-  base = mix(base, mix(linear(vec3(0.0, 0.40, 0.85)), heat, inside), spots * smoothstep(0.1, 0.5, touch));
+  base = mix(base, mix(linear(vec3(0.10, 0.52, 1.0)), heat, inside), spots * smoothstep(0.1, 0.5, touch));
   float key = pow(max((dot(n, light) + 0.25) / 1.25, 0.0), 1.5), sky = 0.5 + 0.5 * n.y;
   float rim = pow(1.0 - max(dot(n, look), 0.0), 3.0);
   vec3 lit = base * (vec3(0.24, 0.25, 0.27) + 0.22 * sky + 0.80 * key * vec3(1.03, 1.0, 0.95)) + 0.06 * rim;
@@ -147,8 +147,8 @@ const prepare = (given) => {
   gl.bindTexture(gl.TEXTURE_2D, body.texture);
   for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, gl.NEAREST);
   gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 3, body.columnCount, 0, gl.RGBA, gl.FLOAT, null);
-  body.bones = []; for (let j = 0; j < body.jointCount; j++) if (body.parents[j] >= 0) body.bones.push([body.parents[j], j]);
-  body.ends = new Float32Array(body.bones.length * 6);
+  body.bones = Array.from(unpack(given.bones), (joint) => [body.parents[joint], joint]);
+  body.ends = new Float32Array(Math.max(body.bones.length, 1) * 6);
   body.lineArray = gl.createVertexArray();
   gl.bindVertexArray(body.lineArray);
   body.lineBuffer = buffer(body.ends, gl.ARRAY_BUFFER, gl.DYNAMIC_DRAW);
@@ -207,9 +207,9 @@ const look = () => {
   const moves = seen.map((body) => body.given.moves[state.layout]);
   const middle = [0, 1, 2].map((k) => moves.reduce((sum, move, i) => sum + move[k] + along(seen[i], state.follow ? state.time : 0)[k], 0) / seen.length + state.pan[k]);
   const tall = Math.max(...seen.map((body) => body.given.height));
-  const wide = tall * 1.1 + Math.max(...moves.flatMap((a) => moves.map((b) => Math.hypot(a[0] - b[0], a[2] - b[2]))));
+  const wide = tall * 0.9 + Math.max(...moves.flatMap((a) => moves.map((b) => Math.hypot(a[0] - b[0], a[2] - b[2]))));
   const aspect = canvas.width / canvas.height, reach = Math.tan(FIELD / 2);
-  const distance = state.zoom * Math.max(tall * 1.35 / 2 / reach, wide / 2 / reach / aspect);
+  const distance = state.zoom * Math.max(tall * 1.28 / 2 / reach, wide / 2 / reach / aspect);
   const [s, c, sp, cp] = [Math.sin(state.yaw), Math.cos(state.yaw), Math.sin(state.pitch), Math.cos(state.pitch)];
   const back = [s * cp, sp, c * cp], right = [c, 0, -s], up = [-s * sp, cp, -c * sp];
   const eye = middle.map((m, k) => m + back[k] * distance), dot = (a) => a[0] * eye[0] + a[1] * eye[1] + a[2] * eye[2];
@@ -344,7 +344,7 @@ canvas.onpointermove = (event) => {
   } else change({yaw: state.yaw - right * 0.008, pitch: Math.min(Math.max(state.pitch + down * 0.008, -0.3), 1.5)});
 };
 canvas.addEventListener("wheel", (event) => { event.preventDefault(); change({zoom: Math.min(Math.max(state.zoom * Math.exp(event.deltaY * 0.001), 0.1), 10)}); }, {passive: false});
-canvas.ondblclick = () => change({yaw: page.yaw, pitch: 0.2, zoom: 1, pan: [0, 0, 0]});
+canvas.ondblclick = () => change({yaw: page.yaw, pitch: 0.15, zoom: 1, pan: [0, 0, 0]});
 addEventListener("resize", () => { state.dirty = true; });
 const hash = () => {  // report.html#t=2.4 opens the clip still, at that second
   const found = /t=([\d.]+)/.exec(location.hash);

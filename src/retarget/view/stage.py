@@ -114,6 +114,16 @@ def stage_body(label: str, take: Take, track: SurfaceTrack | None = None, tell: 
     return StageBody(label, take, character, False, floor, colors, parts, normals, spots, sensors, tuple(notes))
 
 
+def drawn_bones(body: StageBody) -> Int[Array, "bones"]:
+    """The joints to whose parents a line is drawn: all below the hips. Roots on the floor and control joints that hang on
+    them are no bones of a body."""
+    parents, hips = body.take.actor.skeleton.parents, body.take.actor.humanoid.joints["hips"]
+    below = np.zeros(len(parents), dtype=bool)
+    for joint in range(hips + 1, len(parents)):
+        below[joint] = parents[joint] == hips or below[parents[joint]]
+    return np.flatnonzero(below)
+
+
 def no_spots(frames: int) -> Spots:
     """For a body whose skin is not known."""
     return Spots(np.zeros(frames + 1, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.uint8))
