@@ -77,7 +77,7 @@ def write_report(showing: Showing, output: Path, progress: bool = False) -> dict
         notes = [*performers.notes, *copy_note, *report.notes, *(note for body in bodies for note in body.notes)]
         sheet = _sheet(showing, report, before, turned, bodies, notes)
         size = save_report_page(output, sheet, bodies, report if source else _alone(report), before)
-    line = f"{output}: {size / 1e6:.1f} MB, {len(result)} frames, {len(bodies)} bodies"
+    line = f"{output}: {size / 1e6:.1f} MB, {len(result)} frames, {len(bodies)} {'body' if len(bodies) == 1 else 'bodies'}"
     return {"output": str(output), "bytes": size, "notes": notes, "lines": [line, *(f"note: {note}" for note in notes)]}
 
 
