@@ -80,3 +80,16 @@ def test_the_viewer_prints_its_address_and_ends_on_interrupt(files):
         assert running.returncode == 0 and err == "" and out == ""
     finally:
         running.kill()
+
+
+def test_bodies_that_cannot_be_copied_get_a_report_without_what_was_before(command, files, tmp_path, monkeypatch):  # noqa: F811
+    from retarget import commands_view
+    from retarget.errors import MatchError
+
+    def refuse(*_):
+        raise MatchError("the bodies share no arms")
+
+    monkeypatch.setattr(commands_view, "copied_take", refuse)
+    code, out, _ = command("report", files / "result.glb", files / "source.glb", "-o", tmp_path / "r.html")
+    assert code == 0 and "what was corrected is not known: the bodies share no arms" in out
+    assert "copied only" not in (tmp_path / "r.html").read_text()

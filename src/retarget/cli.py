@@ -5,13 +5,16 @@ Nothing heavy is imported before a subcommand runs, so `retarget --help` answers
 
 from __future__ import annotations
 
-import logging
 import sys
 from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
 
+from retarget.cli_options import File, Json, Unit, Up, Verbose
+from retarget.cli_options import listen as _listen
+from retarget.cli_options import say as _say
+from retarget.cli_view import report, view
 from retarget.evaluate.formulas import FORMULAS, REPORTED
 
 app = typer.Typer(
@@ -22,20 +25,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-log = logging.getLogger("retarget")
 
 PRESET_NAMES = "average woman man thin heavy very_heavy muscular tall short elderly child toddler"
 """As in `body.human.PRESETS`, which would load numpy for a help text."""
-
-File = Annotated[Path, typer.Argument(show_default=False)]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what was inferred.")]
-Up = Annotated[
-    Optional[str], typer.Option(help="Up axis of the source: +y, +z, ... (inferred if not given).", show_default=False)
-]
-Unit = Annotated[
-    Optional[float], typer.Option(help="Metres per unit of the source (inferred if not given).", show_default=False)
-]
 
 
 def main() -> None:
@@ -71,12 +63,6 @@ def _common(
     ] = False,
 ) -> None:
     pass
-
-
-def _listen(verbose: bool) -> None:
-    logging.basicConfig(
-        format="%(message)s", level=logging.INFO if verbose else logging.WARNING, stream=sys.stderr, force=True
-    )
 
 
 @app.command()
@@ -139,17 +125,6 @@ def run(
         contacts=contacts_file, report=show_report,
     )  # fmt: skip
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
-
-
-def _say(report: dict, as_json: bool) -> None:
-    """One JSON object, or the report's own lines when someone is reading."""
-    if as_json:
-        import json
-
-        print(json.dumps(report, indent=2))
-        return
-    for line in report["lines"]:
-        print(line)
 
 
 @app.command()
@@ -324,73 +299,8 @@ def evaluate_(
     _say(evaluate_files(question, progress=sys.stderr.isatty() and not as_json), as_json)
 
 
-@app.command()
-def view(
-    result: Annotated[Path, typer.Argument(help="The animated character, or motion, to look at.", show_default=False)],
-    sources: Annotated[
-        Optional[list[Path]], typer.Argument(help="Motions or characters to see beside it.", show_default=False)
-    ] = None,
-    clip: Annotated[
-        Optional[str],
-        typer.Option(help="The result's clip (the last one of the source's name if not given).", show_default=False),
-    ] = None,
-    source_clip: Annotated[
-        Optional[str], typer.Option(help="The sources' clip (the one of the result's name).", show_default=False)
-    ] = None,
-    start: Annotated[
-        Optional[float], typer.Option(help="First second of the source that was retargeted.", show_default=False)
-    ] = None,
-    end: Annotated[Optional[float], typer.Option(help="Last second of it.", show_default=False)] = None,
-    map_file: Annotated[
-        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
-    ] = None,
-    up: Up = None,
-    unit: Unit = None,
-    port: Annotated[
-        Optional[int], typer.Option(help="Port on this machine (any free one if not given).", min=1, max=65535, show_default=False)
-    ] = None,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
-) -> None:
-    """Look at a result in the browser, beside its source: `retarget view knight_dance.glb dance.bvh`."""
-    _listen(False)
-    from retarget.commands_view import Showing, view_files
-
-    showing = Showing(result, tuple(sources or ()), clip, source_clip, start, end, map_file, up, unit)
-    view_files(showing, port, browser, progress=sys.stderr.isatty())
-
-
-@app.command()
-def report(
-    result: Annotated[Path, typer.Argument(help="The animated character to report on.", show_default=False)],
-    source: Annotated[
-        Optional[Path], typer.Argument(help="The motion that it was made from.", show_default=False)
-    ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The .html to write.")] = Path("report.html"),
-    clip: Annotated[
-        Optional[str],
-        typer.Option(help="The result's clip (the last one of the source's name if not given).", show_default=False),
-    ] = None,
-    source_clip: Annotated[
-        Optional[str], typer.Option(help="The source's clip (the one of the result's name).", show_default=False)
-    ] = None,
-    start: Annotated[
-        Optional[float], typer.Option(help="First second of the source that was retargeted.", show_default=False)
-    ] = None,
-    end: Annotated[Optional[float], typer.Option(help="Last second of it.", show_default=False)] = None,
-    map_file: Annotated[
-        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
-    ] = None,
-    up: Up = None,
-    unit: Unit = None,
-    as_json: Json = False,
-) -> None:
-    """One HTML page with the moving result, figures, curves and findings: `retarget report knight_dance.glb dance.bvh`."""
-    _listen(False)
-    from retarget.commands_view import Showing, write_report
-
-    sources = () if source is None else (source,)
-    showing = Showing(result, sources, clip, source_clip, start, end, map_file, up, unit)
-    _say(write_report(showing, output, progress=sys.stderr.isatty() and not as_json), as_json)
+app.command()(view)
+app.command()(report)
 
 
 @app.command(epilog="\n\n".join(f"{key}: {sentence}." for key, sentence in FORMULAS.items()))

@@ -27,6 +27,13 @@ def test_the_hand_and_what_it_lies_on_are_marked_when_they_touch():
     shown = belly()
     assert {"rightHand", "abdomen"} <= parts_of(shown, shown.frames - 1, [stage.TOUCHES])
     assert "rightHand" not in parts_of(shown, 0, range(256)), "the arm is still on its way"
+    codes = np.zeros(len(shown.parts), dtype=int)
+    vertex, code = shown.spots.of_frame(shown.frames - 1)
+    codes[vertex] = code
+    _, group = np.unique(shown.character.mesh.vertices, axis=0, return_inverse=True)
+    highest = np.zeros(group.max() + 1, dtype=int)
+    np.maximum.at(highest, group.ravel(), codes)
+    assert np.array_equal(codes, highest[group.ravel()]), "halves of a seam are marked alike"
     assert shown.spots.starts[-1] == len(shown.spots.vertex) and len(shown.spots.starts) == shown.frames + 1
 
 

@@ -107,7 +107,8 @@ class Viewer:
 
     def _set_controls(self) -> None:
         gui, changed = self.server.gui, self._changed
-        gui.configure_theme(control_layout="fixed", control_width="medium", show_logo=False, show_share_button=False)
+        gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
         with gui.add_folder("Timeline"):
             self._play = gui.add_button("Pause" if self.clock.playing else "Play")
             self._scrub = gui.add_slider("second", 0.0, max(self.clock.seconds, 0.01), 0.01, 0.0)
@@ -255,7 +256,7 @@ class _Shown:
 
     def _add_skeleton(self) -> Any:
         color = (95, 25, 65) if self.number == 0 else (40, 55, 75)
-        return self._scene.add_line_segments(f"{self._root}/bones", self._segments(0), colors=color, line_width=4.0)
+        return self._scene.add_line_segments(f"{self._root}/bones", self._segments(0), colors=color, thickness=4.0, thickness_units="screen")
 
     def _segments(self, frame: int) -> Float[Array, "bones 2 3"]:
         at = self._body.take.positions[frame].astype(np.float32)
