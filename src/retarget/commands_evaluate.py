@@ -96,7 +96,7 @@ def evaluate_files(question: Question, progress: bool = False) -> dict[str, Any]
         _check_picture(question.output)
     with progress_line(progress) as tell:
         tell("reading", 0)
-        takes, clips, notes = _takes(question)
+        takes, clips, notes = takes_of(question)
         report = evaluate(takes["source"], takes["result"], takes.get("truth"), question.fps, tell)
         if question.output is not None:
             from retarget.view.curves import save_curves
@@ -116,7 +116,7 @@ def _check_picture(path: Path) -> None:
         raise FileError(path, f"the folder {path.parent} does not exist")
 
 
-def _takes(question: Question) -> tuple[dict[str, Take], dict[str, str], list[str]]:
+def takes_of(question: Question) -> tuple[dict[str, Take], dict[str, str], list[str]]:
     """Result, source and truth in metres, the names of their clips, and what was chosen for the user."""
     assets = {"result": load(question.result), "source": load(question.source)}
     if question.truth is not None:

@@ -10,8 +10,8 @@ The figures are those of the benches, by the same formulas (`formulas.py`): leng
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -61,6 +61,8 @@ class Report:
     height: float
     """Of the result's body, metres."""
     source_height: float
+    tracks: Mapping[str, SurfaceTrack] = field(default_factory=dict)
+    """What the skin of 'result' and 'source' does, for those that have one: for views, not for JSON."""
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -118,6 +120,7 @@ def evaluate(
         tuple(notes),
         result.actor.height,
         source.actor.height,
+        tracks,
     )
 
 

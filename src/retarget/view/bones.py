@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from retarget.body import rotations as rot
-from retarget.body.kinematics import rest_pose
-from retarget.character import Material, Mesh, Skeleton
+from retarget.body.kinematics import joint_transforms, rest_pose
+from retarget.character import Character, Material, Mesh, Skeleton, Skin
 from retarget.errors import RetargetError
 
 Array = np.ndarray
@@ -116,3 +116,16 @@ def _ball() -> tuple[Float[Array, "vertices 3"], Int[Array, "faces 3"]]:
         ab, bc, ca = inner
         faces += [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
     return np.array(points), np.array(faces)
+
+
+def bone_character(skeleton: Skeleton) -> Character:
+    """A skeleton as a character whose skin is its bones, each moved by the joint it starts from. Exact where joints keep
+    their offsets."""
+    rotations, positions = rest_pose(skeleton)
+    mesh, _ = skeleton_mesh(skeleton, positions[None], rotations[None])
+    starts = skeleton.parents[skeleton.parents >= 0].tolist() + list(skeleton.end_offsets or {})
+    balls = np.repeat(np.arange(len(skeleton)), len(_ball()[0]))
+    joints = np.concatenate([balls, np.repeat(np.array(starts, dtype=np.int64), 6)])
+    binds = np.linalg.inv(joint_transforms(rotations, positions))
+    skin = Skin(np.arange(len(skeleton)), binds, joints[:, None], np.ones((len(joints), 1)))
+    return Character(skeleton, mesh, skin, "bones")
