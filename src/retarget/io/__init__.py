@@ -19,8 +19,12 @@ READERS = {
     ".gltf": "retarget.io.gltf",
     ".obj": "retarget.io.obj_ply",
     ".ply": "retarget.io.obj_ply",
+    ".usd": "retarget.io.usd",
+    ".usda": "retarget.io.usd",
+    ".usdc": "retarget.io.usd",
+    ".usdz": "retarget.io.usd",
 }
-MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf")
+MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz")
 """Formats that can hold animation."""
 WRITTEN_SUFFIXES = (".bvh", ".glb", ".gltf")
 """Those of them that are written."""
