@@ -26,7 +26,7 @@ READERS = {
 }
 MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz")
 """Formats that can hold animation."""
-WRITTEN_SUFFIXES = (".bvh", ".glb", ".gltf")
+WRITTEN_SUFFIXES = (".bvh", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz")
 """Those of them that are written."""
 
 
@@ -53,7 +53,7 @@ def load(path: str | Path) -> Asset:
 def save(
     path: str | Path, character: Character, motions: Sequence[Motion], *, animation_only: bool = False, **options: Any
 ) -> None:
-    """Write a character with its motions (glTF), or one motion alone (BVH).
+    """Write a character with its motions (glTF, USD), or one motion alone (BVH).
 
     The file appears whole or not at all. Raises `FileError` for a suffix that cannot hold it or a folder that cannot be
     written.
@@ -68,7 +68,7 @@ def save(
                 )
             importlib.import_module("retarget.io.bvh").save(path, motions[0])
         else:
-            importlib.import_module("retarget.io.gltf").save(
+            importlib.import_module(READERS[path.suffix.lower()]).save(
                 path, character, motions, animation_only=animation_only, **options
             )
     except OSError as error:
@@ -82,6 +82,8 @@ def check_output(path: str | Path) -> None:
         raise FileError(
             path, f"cannot write {path.suffix or 'a file without suffix'!r}; use {', '.join(WRITTEN_SUFFIXES)}"
         )
+    if READERS[path.suffix.lower()] == "retarget.io.usd":
+        importlib.import_module("retarget.io.usd").require_usd(path)
     if path.is_dir():
         raise FileError(path, "is a folder")
     if not path.parent.is_dir():

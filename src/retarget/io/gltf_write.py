@@ -42,9 +42,9 @@ def save(
         raise FileError(path, f"glTF is written as .glb or .gltf, received the suffix {path.suffix!r}")
     origin = character.origin if isinstance(character.origin, GltfOrigin) else None
     if origin is not None:
-        _check_skeleton("the character", character.skeleton, origin.skeleton)
+        check_skeleton("the character", character.skeleton, origin.skeleton)
     for motion in motions:
-        _check_skeleton(f"the motion {motion.name!r}", motion.skeleton, character.skeleton)
+        check_skeleton(f"the motion {motion.name!r}", motion.skeleton, character.skeleton)
         if not len(motion):
             raise RetargetError(f"the motion {motion.name!r} has no frames to write")
     if origin is None:
@@ -63,7 +63,8 @@ def save(
     write_files(draft.glb(path) if path.suffix.lower() == ".glb" else draft.gltf(path))
 
 
-def _check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:
+def check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:
+    """Raises `RetargetError` if a skeleton has other joints than the one that is written."""
     if skeleton.names == expected.names and np.array_equal(skeleton.parents, expected.parents):
         return
     other = next((f"{a!r} instead of {b!r}" for a, b in zip(skeleton.names, expected.names) if a != b), "other parents")

@@ -41,7 +41,7 @@ def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[st
     for prim in _animations(prims, bound, bones):
         own = prim.GetPath() == bound
         samples = [_samples(prim, name) for name, _, _ in PARTS] + ([carried] if own else [])
-        take = _take(stage, _free(prim.GetName(), names), np.unique(np.concatenate(samples)), own)
+        take = _take(stage, _free(prim.GetDisplayName() or prim.GetName(), names), np.unique(np.concatenate(samples)), own)
         keys += _checked_keys(take, bones, keys)
         _add_joints(take, prim, bones, glb, notes)
         if own and len(carried):
