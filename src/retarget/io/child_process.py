@@ -72,7 +72,8 @@ def answer(reply: str, work: Callable[[], dict[str, Any]]) -> None:
     except Refused as refusal:
         found = {"refused": _one_line(refusal)}
     except Exception as error:  # whatever a broken file provokes is its fault; the caller words it
-        found = {"failed": f"{type(error).__name__}: {_one_line(error)}"}
+        kind = "" if type(error) is ValueError else f"{type(error).__name__}: "
+        found = {"failed": kind + _one_line(error)}
     with open(reply, "w") as file:
         json.dump(found, file)
     os._exit(0)

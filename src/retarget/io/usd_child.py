@@ -18,7 +18,7 @@ import numpy as np
 from retarget.io.child_process import Refused, answer
 from retarget.io.fbx_child import Glb
 from retarget.io.usd_clips import add_clips
-from retarget.io.usd_layers import open_stage, prims_of
+from retarget.io.usd_layers import in_plain_words, open_stage, prims_of
 from retarget.io.usd_surface import add_still_mesh, bindings_of, skinned_meshes
 from retarget.io.usd_transforms import decomposed, placement
 
@@ -46,7 +46,7 @@ class Bones:
 
 
 def main(source: str, output: str, reply: str) -> None:
-    answer(reply, lambda: convert(source, output))
+    answer(reply, lambda: in_plain_words(lambda: convert(source, output)))
 
 
 def convert(source: str, output: str) -> dict[str, Any]:

@@ -8,6 +8,8 @@ folder of the file (in the package, for a .usdz). Missing ones are noted; USD co
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Callable
 from typing import Any
 
 from retarget.io.child_process import Refused
@@ -16,6 +18,17 @@ SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 MOST_LAYERS = 2000
 MOST_PRIMS = 500_000
 """Prims of a composed stage; references to references can multiply them without end."""
+
+
+def in_plain_words(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What the work returns; errors of usd-core without the places in its own source. Raises `ValueError` for them."""
+    from pxr import Tf
+
+    try:
+        return work()
+    except Tf.ErrorException as error:
+        told = re.findall(r" : '(.*?)'\s*(?=Error in |$)", str(error), re.DOTALL)
+        raise ValueError(re.sub(r"\S*/(?=[^/\s]+:\d)", "", told[-1]) if told else str(error)) from None
 
 
 def open_stage(source: str) -> tuple[Any, list[str], bool]:

@@ -10,13 +10,13 @@ import numpy as np
 
 from retarget.io.child_process import Refused, answer
 from retarget.io.usd_assets import Assets, write_package
-from retarget.io.usd_layers import check_layers
+from retarget.io.usd_layers import check_layers, in_plain_words
 from retarget.io.usd_stage import make_stage
 from retarget.io.usd_transforms import placement
 
 
 def main(folder: str, output: str, reply: str) -> None:
-    answer(reply, lambda: write(folder, output))
+    answer(reply, lambda: in_plain_words(lambda: write(folder, output)))
 
 
 def write(folder: str, output: str) -> dict[str, Any]:
