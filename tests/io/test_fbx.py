@@ -83,7 +83,7 @@ def test_the_result_is_written_as_glb_with_all_that_was_read(written, tmp_path):
 
 def test_fbx_is_not_written(written):
     asset = load(written())
-    with pytest.raises(FileError, match="cannot write '.fbx'; use .bvh, .glb, .gltf"):
+    with pytest.raises(FileError, match="cannot write '.fbx'; use .bvh, .glb, .gltf, .usd"):
         save("out.fbx", asset.character, [asset.motion()])
 
 

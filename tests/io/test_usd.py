@@ -109,7 +109,9 @@ def test_clips_have_the_stages_rate_and_range(written):
 def test_the_bound_animation_comes_first_and_others_by_name(written):
     both = skeleton(inside=animation("first", 90.0, 3) + animation("bend") + animation("odd").replace("hips", "tail"))
     asset = load(written(stage(both, tube_mesh())))
-    assert [(clip.name, clip.frames) for clip in asset.clips] == [("bend", 6), ("first", 3)]
+    assert [(clip.name, clip.frames) for clip in asset.clips] == [("bend", 6), ("first", 3)] and asset.plays == 0
+    free = load(written(stage(skeleton(source="", inside=animation("first") + animation("second")), tube_mesh())))
+    assert [clip.name for clip in free.clips] == ["first", "second"] and free.plays is None
     tips = [world_pose(asset.motion(name))[1][-1, -1] for name in ("first", "bend")]
     assert np.linalg.norm(tips[0] - tips[1]) > 0.3
 

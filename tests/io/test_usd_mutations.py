@@ -20,7 +20,7 @@ pytest.importorskip("pxr")
 
 HERE = Path(__file__).parent
 MUTATIONS = int(os.environ.get("RETARGET_MUTATIONS", 2000))
-THROUGH_A_CHILD_EACH = 40
+THROUGH_A_CHILD_EACH = MUTATIONS // 100
 WORDS = [b"skel:joints", b"1e400", b"[]", b"None", b"</Man>", b"int", b"elementSize", b"{", b"uniform", b"@./1.usda@"]
 
 

@@ -6,7 +6,7 @@ Prints a line a file, so that its caller knows which one took the process down.
 import signal
 import sys
 
-from retarget.io.child_process import _limit
+from retarget.io.child_process import limit
 from retarget.io.usd_child import convert
 from retarget.io.usd_layers import in_plain_words
 
@@ -20,7 +20,7 @@ def stop(*_):
 
 
 def main(folder, first, end, suffix):
-    _limit()
+    limit()
     signal.signal(signal.SIGALRM, stop)
     for number in range(int(first), int(end)):
         signal.alarm(20)

@@ -46,6 +46,8 @@ class Asset:
     convention: Convention = field(default_factory=Convention)
     notes: tuple[str, ...] = ()
     """Faults found, repairs made and content passed over, one sentence each."""
+    plays: int | None = None
+    """The clip that the file itself plays, where its format says so (USD); appended ones stand last in all others."""
     read_clip: Callable[[int], Motion] | None = None
     """Decodes one clip; files with dozens of clips are not decoded for the one that is wanted."""
 

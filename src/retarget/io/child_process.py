@@ -66,7 +66,7 @@ def run_child(path: Path, module: str, arguments: Sequence[str], seconds: float)
 
 def answer(reply: str, work: Callable[[], dict[str, Any]]) -> None:
     """Call the work under limits, write what it found into `reply`, and end the process."""
-    _limit()
+    limit()
     try:
         found = {"told": work()}
     except Refused as refusal:
@@ -83,7 +83,8 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:500]
 
 
-def _limit() -> None:
+def limit() -> None:
+    """Keep this process within the memory and file size that a child may have, where the system can."""
     try:
         import resource
     except ImportError:

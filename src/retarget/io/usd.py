@@ -69,7 +69,8 @@ def load(path: str | Path) -> Asset:
     stated = "" if told["unit_stated"] else " (it states none)"
     said = f"USD, {told['unit_m']:g} m a unit{stated}, up {told['up']}, {told['rate']:g} time codes a second"
     convention = Convention(1.0 if told["unit_stated"] else None, "+y")
-    return replace(asset, convention=convention, notes=(said, *told["notes"], *asset.notes))
+    plays = 0 if asset.clips and told.get("bound") == asset.clips[0].name else None
+    return replace(asset, convention=convention, plays=plays, notes=(said, *told["notes"], *asset.notes))
 
 
 def save(path: str | Path, *arguments: Any, **options: Any) -> None:

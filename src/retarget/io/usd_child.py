@@ -60,7 +60,7 @@ def convert(source: str, output: str) -> dict[str, Any]:
         bones = read_bones(skeleton, notes)
         _add_bones(glb, bones, notes)
         skinned_meshes(glb, bones, bound, notes)
-        add_clips(glb, stage, bones, prims, notes)
+        told["bound"] = add_clips(glb, stage, bones, prims, notes)
         told |= {"skeleton": str(skeleton.GetPath()), "joints": dict(zip(map(str, bones.nodes), bones.tokens))}
     else:
         for prim in prims:

@@ -32,18 +32,19 @@ class Take:
     """Node, path, kind of accessor, and the values of all codes."""
 
 
-def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[str]) -> None:
-    """All animations of the skeleton `bones`. Raises `Refused` for values that are no transforms, or more than anyone made."""
+def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[str]) -> str | None:
+    """All animations of the skeleton `bones`; returns the name of the one it is bound to, which comes first. Raises `Refused` for values that are no transforms, or more than anyone made."""
     bound = bound_animation(bones.prim)
     carried = _moving_codes(bones.prim)
     names: set[str] = set()
-    keys = 0
+    keys, plays = 0, None
     for prim in _animations(prims, bound, bones):
         own = prim.GetPath() == bound
         samples = [_samples(prim, name) for name, _, _ in PARTS] + ([carried] if own else [])
         take = _take(stage, _free(prim.GetDisplayName() or prim.GetName(), names), np.unique(np.concatenate(samples)), own)
         keys += _checked_keys(take, bones, keys)
         _add_joints(take, prim, bones, glb, notes)
+        plays = take.name if own else plays
         if own and len(carried):
             _add_carried(take, bones)
         _write(glb, take)
@@ -52,6 +53,8 @@ def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[st
         _checked_keys(take, bones, keys)
         _add_carried(take, bones)
         _write(glb, take)
+        plays = take.name
+    return plays
 
 
 def bound_animation(skeleton: Any) -> Any:
