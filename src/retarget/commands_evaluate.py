@@ -144,7 +144,8 @@ def _part(motion: Motion, question: Question) -> Motion:
 
 
 def _choose_clips(assets: dict[str, Asset], question: Question) -> tuple[dict[str, str | int], list[str]]:
-    """The clips as named, else those that belong together by name, else the result's last and the source's first."""
+    """The clips as named, else those that belong together by name, else the result's last (that which it
+    plays, if its format tells) and the source's first."""
     names = {who: [clip.name for clip in asset.clips] for who, asset in assets.items()}
     chosen: dict[str, str | int] = {}
     wanted = {"result": question.clip, "source": question.source_clip, "truth": question.truth_clip}
@@ -154,7 +155,8 @@ def _choose_clips(assets: dict[str, Asset], question: Question) -> tuple[dict[st
             chosen[who] = wanted[who]
     if "result" not in chosen:
         asked = question.source_clip or (names["source"][0] if len(names["source"]) == 1 else None)
-        chosen["result"] = _last_named(names["result"], asked)
+        plays = assets["result"].plays
+        chosen["result"] = plays if plays is not None and asked is None else _last_named(names["result"], asked)
     played = names["result"][chosen["result"]] if isinstance(chosen["result"], int) else chosen["result"]
     if "source" not in chosen:
         alike = [each for each in (played, _bare(played)) if each in names["source"]]

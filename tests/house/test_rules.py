@@ -14,7 +14,7 @@ FILES = sorted(SOURCE.rglob("*.py"))
 LINE = (
     "errors progress character body geometry io correspond contact rig motion methods retargeting evaluate view train commands_evaluate commands_view commands_contacts commands commands_repair cli_options cli_view cli"
 ).split()
-HEAVY = {"scipy", "PIL", "onnxruntime", "viser", "matplotlib", "bpy", "warp", "numba", "trimesh", "torch"}
+HEAVY = {"scipy", "PIL", "onnxruntime", "viser", "matplotlib", "bpy", "warp", "numba", "trimesh", "torch", "pxr"}
 COMPILED = {"retarget.contact.kernels", "retarget.contact.pair_kernels", "retarget.contact.skin_kernels", "retarget.motion.limit_kernels", "retarget.evaluate.reference.ray_parity"}
 """Modules of compiled loops: they import numba at their top, so nothing may import them at its own."""
 CHILDREN = {"retarget.io.blender_child"}

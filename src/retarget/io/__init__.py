@@ -19,15 +19,23 @@ READERS = {
     ".gltf": "retarget.io.gltf",
     ".obj": "retarget.io.obj_ply",
     ".ply": "retarget.io.obj_ply",
+    ".usd": "retarget.io.usd",
+    ".usda": "retarget.io.usd",
+    ".usdc": "retarget.io.usd",
+    ".usdz": "retarget.io.usd",
     ".vrm": "retarget.io.gltf",
 }
-MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".vrm")
+MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz", ".vrm")
 """Formats that can hold animation."""
 WRITERS = {
     ".bvh": "retarget.io.bvh",
     ".glb": "retarget.io.gltf",
     ".gltf": "retarget.io.gltf",
     ".vrm": "retarget.io.gltf",
+    ".usd": "retarget.io.usd",
+    ".usda": "retarget.io.usd",
+    ".usdc": "retarget.io.usd",
+    ".usdz": "retarget.io.usd",
     ".fbx": "retarget.io.blender",
     ".abc": "retarget.io.blender",
 }
@@ -62,7 +70,7 @@ def load(path: str | Path) -> Asset:
 def save(
     path: str | Path, character: Character, motions: Sequence[Motion], *, animation_only: bool = False, **options: Any
 ) -> None:
-    """Write a character with its motions (glTF, FBX), one motion alone (BVH), or the surface that it moves (Alembic).
+    """Write a character with its motions (glTF, USD, FBX), one motion alone (BVH), or the surface that it moves (Alembic).
     `options` are the writer's own: see `save` of the modules in `WRITERS`.
 
     The file appears whole or not at all. Raises `FileError` for a suffix that cannot hold it, for a folder that cannot be
@@ -106,6 +114,8 @@ def check_output(path: str | Path) -> None:
         raise FileError(
             path, f"cannot write {path.suffix or 'a file without suffix'!r}; use {', '.join(WRITTEN_SUFFIXES)}"
         )
+    if WRITERS[path.suffix.lower()] == "retarget.io.usd":
+        importlib.import_module("retarget.io.usd").require_usd(path)
     if path.is_dir():
         raise FileError(path, "is a folder")
     if not path.parent.is_dir():

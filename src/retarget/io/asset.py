@@ -50,6 +50,8 @@ class Asset:
     """Faults found, repairs made and content passed over, one sentence each."""
     humanoid: Mapping[str, str] | None = None
     """Canonical name to joint name, where the file itself says which joints are which (VRM)."""
+    plays: int | None = None
+    """The clip that the file itself plays, where its format says so (USD); appended ones stand last in all others."""
     read_clip: Callable[[int], Motion] | None = None
     """Decodes one clip; files with dozens of clips are not decoded for the one that is wanted."""
 

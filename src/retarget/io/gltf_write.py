@@ -45,9 +45,9 @@ def save(
     if path.suffix.lower() == ".vrm" and (animation_only or origin is None or not is_vrm(origin.document)):
         raise FileError(path, "only a whole character that was read from VRM is written as .vrm; use .glb")
     if origin is not None:
-        _check_skeleton("the character", character.skeleton, origin.skeleton)
+        check_skeleton("the character", character.skeleton, origin.skeleton)
     for motion in motions:
-        _check_skeleton(f"the motion {motion.name!r}", motion.skeleton, character.skeleton)
+        check_skeleton(f"the motion {motion.name!r}", motion.skeleton, character.skeleton)
         if not len(motion):
             raise RetargetError(f"the motion {motion.name!r} has no frames to write")
     if origin is None:
@@ -66,7 +66,8 @@ def save(
     write_files(draft.gltf(path) if path.suffix.lower() == ".gltf" else draft.glb(path))
 
 
-def _check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:
+def check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:
+    """Raises `RetargetError` if a skeleton has other joints than the one that is written."""
     if skeleton.names == expected.names and np.array_equal(skeleton.parents, expected.parents):
         return
     other = next((f"{a!r} instead of {b!r}" for a, b in zip(skeleton.names, expected.names) if a != b), "other parents")

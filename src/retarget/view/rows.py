@@ -18,8 +18,8 @@ from retarget.view.picture import Row, choose_frames, skeleton_mesh
 
 
 def file_row(path: Path, columns: int, clip: str | None = None) -> Row:
-    """One row for a file: its frames spread evenly over the clip; the last clip if none is named, since appended
-    animations stand last. Files in other units or axes are shown upright and in metres where the body is recognised."""
+    """One row for a file: its frames spread evenly over the clip; if none is named that which the file plays, else
+    the last, since appended animations stand last. Files in other units or axes are shown upright and in metres where the body is recognised."""
     asset = load(path)
     if asset.mesh is not None:
         return Row(path.stem, asset.mesh, asset.mesh.vertices[None])
@@ -31,7 +31,7 @@ def file_row(path: Path, columns: int, clip: str | None = None) -> Row:
     if asset.character is None:
         raise FileError(path, f"holds {asset.kind}; a picture needs a surface or a skeleton")
     motion = (
-        asset.motion(clip if clip is not None else len(asset.clips) - 1)
+        asset.motion(clip if clip is not None else len(asset.clips) - 1 if asset.plays is None else asset.plays)
         if asset.clips
         else still_motion(asset.character.skeleton)
     )

@@ -1,0 +1,287 @@
+"""Meshes of a USD stage with their weights and base colours, as meshes of a GLB. Runs in the child."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from retarget.io.child_process import Refused
+from retarget.io.fbx_child import FLOAT, SHORT, UNSIGNED, Glb
+from retarget.io.usd_transforms import decomposed, placement
+
+MOST_INFLUENCES = 64
+GREY = (0.8, 0.8, 0.8)
+
+
+def bindings_of(prims: list[Any], skeletons: set[Any], notes: list[str]) -> dict[Any, list[Any]]:
+    """The shown meshes that each skeleton moves, by its path: `skel:skeleton` counts for all prims below."""
+    found: dict[Any, list[Any]] = {}
+    free = 0
+    for prim in prims:
+        if not _shown(prim):
+            continue
+        targets = _inherited_targets(prim, "skel:skeleton")
+        if targets and targets[0] in skeletons and _primvar(prim, "skel:jointIndices"):
+            found.setdefault(targets[0], []).append(prim)
+        else:
+            free += 1
+    if free:
+        notes.append(f"{free} meshes are moved by no skeleton and are left out")
+    return found
+
+
+def _shown(prim: Any) -> bool:
+    from pxr import Usd, UsdGeom
+
+    if not prim.IsA(UsdGeom.Mesh):
+        return False
+    mesh = UsdGeom.Mesh(prim)
+    hidden = mesh.ComputeVisibility(Usd.TimeCode.EarliestTime()) == UsdGeom.Tokens.invisible
+    return not hidden and mesh.ComputePurpose() in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+
+
+def _inherited_targets(prim: Any, name: str) -> list[Any]:
+    while prim and not prim.IsPseudoRoot():
+        relation = prim.GetRelationship(name)
+        if relation and relation.HasAuthoredTargets():
+            return list(relation.GetForwardedTargets())
+        prim = prim.GetParent()
+    return []
+
+
+def _primvar(prim: Any, name: str) -> Any:
+    """The primvar, of the prim or the nearest one above that has it; None where nobody has."""
+    from pxr import UsdGeom
+
+    found = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
+    return found if found and found.HasAuthoredValue() else None
+
+
+def _first(attribute: Any) -> Any:
+    from pxr import Usd
+
+    return attribute.Get(Usd.TimeCode.EarliestTime()) if attribute else None
+
+
+def skinned_meshes(glb: Glb, bones: Any, prims: list[Any], notes: list[str]) -> None:
+    """All meshes of a skeleton, each with a skin; equal skins are one."""
+    skins: dict[bytes, int] = {}
+    for prim in prims:
+        points, triangles, materials = _geometry(glb, prim, notes)
+        if not len(triangles):
+            notes.append(f"the mesh {prim.GetName()!r} has no faces and is left out")
+            continue
+        attributes = {"POSITION": glb.add(points, "VEC3", FLOAT, bounds=True)}
+        _add_influences(glb, prim, len(points), len(_joint_map(prim, bones)), attributes)
+        geometry = _geometry_bind(prim)
+        columns = _joint_map(prim, bones)
+        binds = (np.linalg.inv(bones.bind[columns]) @ geometry).astype(np.float32)
+        binds[:, 3] = 0, 0, 0, 1
+        key = columns.tobytes() + binds.tobytes()
+        if key not in skins:
+            matrices = glb.add(np.swapaxes(binds, 1, 2), "MAT4", FLOAT)
+            skins[key] = glb.append("skins", {
+                "joints": [bones.nodes[joint] for joint in columns.tolist()], "inverseBindMatrices": matrices
+            })  # fmt: skip
+        _add_node(glb, bones.node, prim, decomposed(geometry), _primitives(glb, attributes, triangles, materials), skins[key])
+        _note_left_out(prim, notes)
+
+
+def add_still_mesh(glb: Glb, prim: Any, notes: list[str]) -> None:
+    """A mesh of a stage without skeleton, where it stands in the world; other prims are passed over."""
+    if not _shown(prim):
+        return
+    points, triangles, materials = _geometry(glb, prim, notes)
+    if len(triangles):
+        attributes = {"POSITION": glb.add(points, "VEC3", FLOAT, bounds=True)}
+        _add_node(glb, 0, prim, decomposed(placement(prim)), _primitives(glb, attributes, triangles, materials), None)
+
+
+def _add_node(glb: Glb, above: int, prim: Any, place: dict, primitives: list[dict], skin: int | None) -> None:
+    mesh = glb.append("meshes", {"name": prim.GetName(), "primitives": primitives})
+    bound = {} if skin is None else {"skin": skin}
+    node = glb.append("nodes", {"name": prim.GetName(), **place, "mesh": mesh, **bound})
+    glb.json["nodes"][above].setdefault("children", []).append(node)
+
+
+def _note_left_out(prim: Any, notes: list[str]) -> None:
+    if _inherited_targets(prim, "skel:blendShapeTargets"):
+        notes.append("blend shapes are left out")
+    method = _primvar(prim, "skel:skinningMethod") or prim.GetAttribute("primvars:skel:skinningMethod")
+    if method and str(_first(method)) == "dualQuaternion":
+        notes.append("meshes skinned by dual quaternions are skinned linearly")
+
+
+def _geometry(glb: Glb, prim: Any, notes: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (float32), triangles, and the GLB's material of each triangle. Raises `Refused` for faces that fit not."""
+    from pxr import UsdGeom
+
+    mesh = UsdGeom.Mesh(prim)
+    points = np.array(_first(mesh.GetPointsAttr()) or (), dtype=np.float32).reshape(-1, 3)
+    counts = np.array(_first(mesh.GetFaceVertexCountsAttr()) or (), dtype=np.int64)
+    corners = np.array(_first(mesh.GetFaceVertexIndicesAttr()) or (), dtype=np.int64)
+    path = prim.GetPath()
+    if (counts < 0).any() or counts.sum() != len(corners):
+        raise Refused(f"the faces of {path} have {int(counts.sum())} corners by their counts, and {len(corners)} indices")
+    if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
+        worst = corners.max() if corners.max() >= len(points) else corners.min()
+        raise Refused(f"a face of {path} names point {int(worst)} of {len(points)}")
+    if not np.isfinite(points).all():
+        raise Refused(f"{path} has points that are not numbers")
+    of_face = _face_materials(glb, mesh, len(counts), notes)
+    holes = np.array(_first(mesh.GetHoleIndicesAttr()) or (), dtype=np.int64)
+    counts_shown = counts.copy()
+    counts_shown[holes[(holes >= 0) & (holes < len(counts))]] = 0
+    triangles, owners = fan_triangles(counts_shown, np.cumsum(counts) - counts, corners)
+    if str(_first(mesh.GetOrientationAttr())) == "leftHanded":
+        triangles = triangles[:, ::-1]
+    return points, triangles, of_face[owners]
+
+
+def fan_triangles(counts: np.ndarray, first: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of polygons, as fans from their first corners, and the polygon of each; in the order of the polygons."""
+    each = np.maximum(counts - 2, 0)
+    owners = np.repeat(np.arange(len(counts)), each)
+    step = np.arange(len(owners)) - np.repeat(np.cumsum(each) - each, each)
+    start = first[owners]
+    return np.stack([corners[start], corners[start + step + 1], corners[start + step + 2]], axis=1), owners
+
+
+def _face_materials(glb: Glb, mesh: Any, count: int, notes: list[str]) -> np.ndarray:
+    """The GLB's material of each face: the mesh's own, or that of the subset the face lies in."""
+    from pxr import UsdGeom, UsdShade
+
+    own = _material(glb, mesh, mesh.GetPrim(), notes)
+    materials = np.full(count, own, dtype=np.int64)
+    for subset in UsdShade.MaterialBindingAPI(mesh.GetPrim()).GetMaterialBindSubsets():
+        faces = np.array(_first(subset.GetIndicesAttr()) or (), dtype=np.int64)
+        if str(_first(subset.GetElementTypeAttr())) != UsdGeom.Tokens.face:
+            continue
+        if len(faces) and not 0 <= faces.min() <= faces.max() < count:
+            raise Refused(f"the subset {subset.GetPath()} names face {int(faces.max())} of {count}")
+        materials[faces] = _material(glb, mesh, subset.GetPrim(), notes)
+    return materials
+
+
+def _material(glb: Glb, mesh: Any, prim: Any, notes: list[str]) -> int:
+    """Number of the GLB's material for what is bound to a prim; the mesh's display colour where nothing is."""
+    from pxr import UsdShade
+
+    bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
+    name, color, alpha = "", _display_color(mesh), 1.0
+    if bound:
+        name = bound.GetPrim().GetName()
+        shader = bound.ComputeSurfaceSource()[0]
+        if shader:
+            color = _input(shader, "diffuseColor", 3, color, notes)
+            alpha = _input(shader, "opacity", 1, [alpha], notes)[0]
+    double = bool(_first(mesh.GetDoubleSidedAttr()))
+    entry: dict[str, Any] = {
+        "name": name, "doubleSided": double, "pbrMetallicRoughness": {"baseColorFactor": [*color, alpha], "metallicFactor": 0.0}
+    }  # fmt: skip
+    known = glb.json.setdefault("materials", [])
+    if entry not in known:
+        known.append(entry)
+    return known.index(entry)
+
+
+def _display_color(mesh: Any) -> list[float]:
+    """The colour of the whole mesh; grey where it has none, or one for each point or face."""
+    primvar = mesh.GetDisplayColorPrimvar()
+    value = _first(primvar.GetAttr()) if primvar else None
+    if value is None or len(value) != 1:
+        return list(GREY)
+    return _clipped(value[0], 3, list(GREY))
+
+
+def _input(shader: Any, name: str, width: int, otherwise: list[float], notes: list[str]) -> list[float]:
+    """A constant input of a surface shader, through the interfaces that hand it on."""
+    from pxr import UsdShade
+
+    given = shader.GetInput(name)
+    if not given:
+        return otherwise
+    sources = UsdShade.Utils.GetValueProducingAttributes(given)
+    if not sources:
+        return otherwise
+    if UsdShade.Utils.GetType(sources[0].GetName()) == UsdShade.AttributeType.Output:
+        if name == "diffuseColor":
+            notes.append("textures are left out")
+            return [1.0] * width
+        return otherwise
+    return _clipped(_first(sources[0]), width, otherwise)
+
+
+def _clipped(value: Any, width: int, otherwise: list[float]) -> list[float]:
+    try:
+        numbers = np.atleast_1d(np.array(value, dtype=np.float64)).ravel()
+    except (TypeError, ValueError):
+        return otherwise
+    if len(numbers) < width or not np.isfinite(numbers).all():
+        return otherwise
+    return np.clip(numbers[:width], 0.0, 1.0).tolist()
+
+
+def _joint_map(prim: Any, bones: Any) -> np.ndarray:
+    """The skeleton's joint behind each joint of a mesh, which may list its own (`skel:joints`)."""
+    above = prim
+    while above and not above.IsPseudoRoot():
+        value = above.GetAttribute("skel:joints").Get() if above.HasAttribute("skel:joints") else None
+        if value is not None and len(value):
+            place = {token: number for number, token in enumerate(bones.tokens)}
+            unknown = [str(token) for token in value if str(token) not in place]
+            if unknown:
+                raise Refused(f"{prim.GetPath()} follows the joint {unknown[0]!r}, which its skeleton has not")
+            return np.array([place[str(token)] for token in value], dtype=np.int64)
+        above = above.GetParent()
+    return np.arange(len(bones.tokens))
+
+
+def _geometry_bind(prim: Any) -> np.ndarray:
+    primvar = _primvar(prim, "skel:geomBindTransform")
+    value = _first(primvar.GetAttr()) if primvar else None
+    if value is None:
+        return np.eye(4)
+    matrix = np.array(value, dtype=np.float64).T
+    if not np.isfinite(matrix).all() or np.abs(matrix).max() > 1e12 or np.linalg.matrix_rank(matrix[:3, :3]) < 3:
+        raise Refused(f"{prim.GetPath()} was bound by a matrix that cannot be inverted")
+    return matrix
+
+
+def _add_influences(glb: Glb, prim: Any, count: int, bones: int, attributes: dict[str, int]) -> None:
+    """Joints and weights, four a set; those of a rigid mesh (constant) stand for all of its points."""
+    path, shaped = prim.GetPath(), []
+    for name, kind in (("skel:jointIndices", np.int64), ("skel:jointWeights", np.float64)):
+        primvar = _primvar(prim, name)
+        if primvar is None:
+            raise Refused(f"{path} has joints without weights")
+        width, values = primvar.GetElementSize(), np.array(primvar.ComputeFlattened() or (), dtype=kind).ravel()
+        rows = 1 if str(primvar.GetInterpolation()) == "constant" else count
+        if not 0 < width <= MOST_INFLUENCES or len(values) != rows * width:
+            raise Refused(f"{path} has {len(values)} values of {name} for {rows} points with {width} each")
+        shaped.append(np.broadcast_to(values.reshape(rows, width), (count, width)))
+    joints, weights = shaped
+    if joints.shape != weights.shape:
+        raise Refused(f"{path} has {joints.shape[1]} joints a point, and {weights.shape[1]} weights")
+    used = weights > 0
+    if joints[used].size and not 0 <= joints[used].min() <= joints[used].max() < bones:
+        raise Refused(f"a point of {path} follows joint {int(joints[used].max())} of {bones}")
+    pad = ((0, 0), (0, -joints.shape[1] % 4))
+    joints, weights = np.pad(np.where(used, joints, 0), pad), np.pad(np.where(used, weights, 0.0), pad)
+    total = weights.sum(axis=1, keepdims=True)
+    weights = np.divide(weights, total, out=weights.copy(), where=np.isfinite(total) & (total > 1e-9))
+    for start in range(0, joints.shape[1], 4):
+        own = slice(start, start + 4)
+        attributes[f"JOINTS_{start // 4}"] = glb.add(joints[:, own].astype(np.uint16), "VEC4", SHORT)
+        attributes[f"WEIGHTS_{start // 4}"] = glb.add(weights[:, own].astype(np.float32), "VEC4", FLOAT)
+
+
+def _primitives(glb: Glb, attributes: dict[str, int], triangles: np.ndarray, materials: np.ndarray) -> list[dict]:
+    return [
+        {
+            "attributes": attributes, "material": material,
+            "indices": glb.add(triangles[materials == material].ravel().astype(np.uint32), "SCALAR", UNSIGNED),
+        }
+        for material in np.unique(materials).tolist()
+    ]  # fmt: skip
