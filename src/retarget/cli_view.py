@@ -39,7 +39,8 @@ def view(
     up: Up = None,
     unit: Unit = None,
     port: Annotated[
-        Optional[int], typer.Option(help="Port on this machine (any free one if not given).", min=1, max=65535, show_default=False)
+        Optional[int],
+        typer.Option(help="Port on this machine (any free one if not given).", min=1, max=65535, show_default=False),
     ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
 ) -> None:

@@ -21,6 +21,7 @@ from retarget.view.stage import StageBody, stage_body
 
 PAGE_SUFFIXES = (".html", ".htm")
 FIRST_ROWS = ("contacts_kept", "penetration_percent", "foot_slide_cm")
+"""The figures that correction is for."""
 ALONE = ("foot_slide_cm", "hand_speed", "hand_top", "foot_speed", "foot_top", "penetration", "depth", "deepest")
 """Beginnings of the figures that speak of a result without its source."""
 
@@ -77,7 +78,9 @@ def write_report(showing: Showing, output: Path, progress: bool = False) -> dict
         notes = [*performers.notes, *copy_note, *report.notes, *(note for body in bodies for note in body.notes)]
         sheet = _sheet(showing, report, before, turned, bodies, notes)
         size = save_report_page(output, sheet, bodies, report if source else _alone(report), before)
-    line = f"{output}: {size / 1e6:.1f} MB, {len(result)} frames, {len(bodies)} {'body' if len(bodies) == 1 else 'bodies'}"
+    line = (
+        f"{output}: {size / 1e6:.1f} MB, {len(result)} frames, {len(bodies)} {'body' if len(bodies) == 1 else 'bodies'}"
+    )
     return {"output": str(output), "bytes": size, "notes": notes, "lines": [line, *(f"note: {note}" for note in notes)]}
 
 
@@ -119,7 +122,9 @@ def _alone_take(showing: Showing) -> tuple[dict[str, Take], list[str]]:
     if showing.start is not None or showing.end is not None:
         shown = cut(shown, showing.start, showing.end)
     several = showing.clip is None and len(asset.clips) > 1
-    notes = [f"the result holds {len(asset.clips)} clips; {motion.name!r} is taken (--clip to choose)"] if several else []
+    notes = (
+        [f"the result holds {len(asset.clips)} clips; {motion.name!r} is taken (--clip to choose)"] if several else []
+    )
     return {"result: " + _named(showing.result, motion.name): Take(actor, shown)}, notes
 
 
@@ -142,14 +147,23 @@ def _before(source: Take | None, result: Take, tell: Tell) -> tuple[Report | Non
 def _alone(report: Report) -> Report:
     """A report without what it says of a source, for a result that was measured against itself."""
     figures = {
-        name: value for name, value in report.figures.items() if name in ("frames", "seconds", "fps") or name.startswith(ALONE)
+        name: value
+        for name, value in report.figures.items()
+        if name in ("frames", "seconds", "fps") or name.startswith(ALONE)
     }
-    curves = {name: curve for name, curve in report.curves.items() if "/source/" not in name and not name.endswith("/source")}
+    curves = {
+        name: curve for name, curve in report.curves.items() if "/source/" not in name and not name.endswith("/source")
+    }
     return replace(report, figures=figures, curves=curves)
 
 
 def _sheet(
-    showing: Showing, report: Report, before: Report | None, turned: list[str], bodies: list[StageBody], notes: list[str]
+    showing: Showing,
+    report: Report,
+    before: Report | None,
+    turned: list[str],
+    bodies: list[StageBody],
+    notes: list[str],
 ) -> Sheet:
     alone = len(bodies) == 1
     columns: list[tuple[str, Callable[[str], Any]]] = [("result", report.figures.get)]
@@ -211,6 +225,10 @@ def _inferred(bodies: list[StageBody]) -> Iterator[str]:
         yield from (f"{who}: {note}" for note in actor.notes)
 
 
+def _telling(tell: Tell, who: str) -> Tell:
+    return lambda doing, finished=0: tell(f"{who}: {doing}", finished)
+
+
 def view_files(showing: Showing, port: int | None = None, open_browser: bool = True, progress: bool = False) -> None:
     """Show bodies in a browser until Ctrl-C. Raises `RetargetError` for input that cannot be used, without viser, and for
     a port that is taken."""
@@ -221,7 +239,7 @@ def view_files(showing: Showing, port: int | None = None, open_browser: bool = T
         tell("reading", 0)
         performers = performers_of(showing)
         bodies = [
-            stage_body(label, take, tell=lambda doing, n=0, who=label.split(":")[0]: tell(f"{who}: {doing}", n))
+            stage_body(label, take, tell=_telling(tell, label.split(":")[0]))
             for label, take in performers.takes.items()
         ]
     for note in [*performers.notes, *(note for body in bodies for note in body.notes)]:

@@ -68,7 +68,9 @@ def test_the_timeline_moves_the_body_and_the_playhead(page):
     early, late = look(page, "stage.seek(0)"), look(page, "stage.seek(stage.seconds)")
     assert different(early, late) > 800
     assert different(late, look(page, "stage.seek(stage.seconds)")) == 0
-    page.run("document.getElementById('scrub').value = 5000; document.getElementById('scrub').oninput({target: {value: 5000}}); stage.draw()")
+    page.run(
+        "document.getElementById('scrub').value = 5000; document.getElementById('scrub').oninput({target: {value: 5000}}); stage.draw()"
+    )
     assert abs(page.run("stage.state.time") - page.run("stage.seconds") / 2) < 0.01
     moved = page.run("document.querySelector('.playhead').getAttribute('transform')")
     assert float(moved[10:].split()[0]) > 300
@@ -96,7 +98,9 @@ def test_layers_show_and_hide(page, layer):
 @needs_browser
 def test_colours_by_part_and_laying_over_change_the_picture(page):
     clay = look(page)
-    page.run("document.getElementById('color').value = 'parts'; document.getElementById('color').onchange({target: {value: 'parts'}})")
+    page.run(
+        "document.getElementById('color').value = 'parts'; document.getElementById('color').onchange({target: {value: 'parts'}})"
+    )
     assert different(clay, look(page)) > 5000
     assert different(look(page), look(page, "stage.change({layout: 1})")) > 5000
     page.run("stage.change({layout: 0})")

@@ -110,7 +110,13 @@ def test_the_mapping_names_each_bodys_joint():
 
 def test_there_is_a_panel_for_each_kind_of_curve_and_a_line_for_what_was_before():
     titles = [title.split(",")[0] for title, _ in curve_panels(belly_report())]
-    assert titles == ["Contacts (thin grey: the source's)", "Deepest penetration", "Foot over the floor", "Hand speed", "Foot speed"]
+    assert titles == [
+        "Contacts (thin grey: the source's)",
+        "Deepest penetration",
+        "Foot over the floor",
+        "Hand speed",
+        "Foot speed",
+    ]
     plain, more = (
         dict(curve_panels(belly_report(), before))["Deepest penetration, cm"] for before in (None, belly_report())
     )

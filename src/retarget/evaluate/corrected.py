@@ -41,6 +41,8 @@ def turned_joints(copied: Motion, result: Motion, humanoid: Humanoid) -> Iterato
         turn = degrees[:, humanoid.joints[name]]
         runs = intervals(turn > NOTABLE)
         if runs:
-            spells = ", ".join(f"{start / result.fps:.2f} to {(stop - 1) / result.fps:.2f} s" for start, stop in runs[:4])
+            spells = ", ".join(
+                f"{start / result.fps:.2f} to {(stop - 1) / result.fps:.2f} s" for start, stop in runs[:4]
+            )
             more = f" and {len(runs) - 4} more times" if len(runs) > 4 else ""
             yield f"{name} turned by up to {turn.max():.1f} degrees: {spells}{more}"

@@ -91,9 +91,7 @@ def _panel(high: float, seconds: float, drawn: list[str]) -> str:
         f'<text x="{LEFT_EDGE + PLOT * mark / max(seconds, 1e-9):.1f}" y="{high - 4}" text-anchor="middle">{mark:g}</text>'
         for mark in _marks(0.0, seconds, 10)
     ]
-    head = (
-        f'<line class="playhead" data-width="{PLOT}" x1="{LEFT_EDGE}" x2="{LEFT_EDGE}" y1="0" y2="{high - 18}"/>'
-    )
+    head = f'<line class="playhead" data-width="{PLOT}" x1="{LEFT_EDGE}" x2="{LEFT_EDGE}" y1="0" y2="{high - 18}"/>'
     return (
         f'<svg viewBox="0 0 {WIDTH} {high}" data-left="{LEFT_EDGE}" data-plot="{PLOT}" data-whole="{WIDTH}">'
         + "".join([*drawn, *ticks, head])

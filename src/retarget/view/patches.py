@@ -43,9 +43,7 @@ def patches(
     marked = codes[faces]
     chosen = np.flatnonzero(marked.any(axis=1))
     highest = marked[chosen].max(axis=1)
-    return {
-        name: _lifted(vertices, faces[chosen[(highest >= low) & (highest < high)]]) for name, _, low, high in KINDS
-    }
+    return {name: _lifted(vertices, faces[chosen[(highest >= low) & (highest < high)]]) for name, _, low, high in KINDS}
 
 
 def part_surfaces(

@@ -221,7 +221,7 @@ const look = () => {
 };
 
 // --- drawing ----------------------------------------------------------------------------------------------------
-const surface = (body, index, {camera, eye, light}, shadow, opacity) => {
+const surface = (body, {camera, eye, light}, shadow, opacity) => {
   const u = skins.uniforms;
   gl.uniformMatrix4fv(u.camera, false, camera); gl.uniform3fv(u.eye, eye); gl.uniform3fv(u.light, light);
   gl.uniform3fv(u.move, body.given.moves[state.layout]);
@@ -264,12 +264,12 @@ const draw = () => {
   gl.useProgram(skins.made);
   if (state.mesh) {
     gl.enable(gl.STENCIL_TEST); gl.stencilFunc(gl.EQUAL, 0, 255); gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
-    if (state.pitch > 0) shown.forEach(([body, i]) => surface(body, i, eye, true, 1));
+    if (state.pitch > 0) shown.forEach(([body]) => surface(body, eye, true, 1));
     gl.disable(gl.STENCIL_TEST); gl.enable(gl.DEPTH_TEST); gl.depthFunc(gl.LEQUAL);
     for (const [body, i] of shown) {
       const faint = state.layout === 1 && i > 0;
-      if (faint) { gl.colorMask(false, false, false, false); surface(body, i, eye, false, 1); gl.colorMask(true, true, true, true); }
-      surface(body, i, eye, false, faint ? 0.45 : 1);
+      if (faint) { gl.colorMask(false, false, false, false); surface(body, eye, false, 1); gl.colorMask(true, true, true, true); }
+      surface(body, eye, false, faint ? 0.45 : 1);
     }
   }
   if (state.sensors) {

@@ -79,7 +79,8 @@ def report_page(sheet: Sheet, bodies: Sequence[StageBody], report: Report, befor
         "problems": _problems(sheet),
         "corrected": _list("What was corrected", sheet.corrected),
         "curves": "".join(
-            f"<figure><figcaption>{escape(title)}</figcaption>{svg}</figure>" for title, svg in curve_panels(report, before)
+            f"<figure><figcaption>{escape(title)}</figcaption>{svg}</figure>"
+            for title, svg in curve_panels(report, before)
         ),
         "before": '<span class="key ochre">joint angles copied, uncorrected</span>' if before is not None else "",
         "mapping": _mapping(bodies),
@@ -133,7 +134,8 @@ def _mapping(bodies: Sequence[StageBody]) -> str:
     rows = []
     for name, told, joints in joint_table(bodies):
         cells = "".join(
-            "<td>–</td>" if each is None else f'<td>{escape(each[0])} <small>{each[1]:.2f}</small></td>' for each in told
+            "<td>–</td>" if each is None else f"<td>{escape(each[0])} <small>{each[1]:.2f}</small></td>"
+            for each in told
         )
         rows.append(f'<tr data-joints="{escape(str(joints))}"><td>{escape(name)}</td>{cells}</tr>')
     return f"<table class='mapping'><thead><tr><th>joint</th>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"

@@ -101,7 +101,9 @@ class Viewer:
         camera, middle = self.server.initial_camera, np.array([0.0, 0.48 * tall, 0.0])
         away = 1.25 * tall + 0.75 * wide
         camera.fov = 0.7
-        camera.position = tuple(middle + away * 1.35 * (0.93 * forward - 0.33 * aside) + np.array([0.0, 0.28 * tall, 0.0]))
+        camera.position = tuple(
+            middle + away * 1.35 * (0.93 * forward - 0.33 * aside) + np.array([0.0, 0.28 * tall, 0.0])
+        )
         camera.look_at = tuple(middle)
         camera.up = (0.0, 1.0, 0.0)
 
@@ -256,7 +258,9 @@ class _Shown:
 
     def _add_skeleton(self) -> Any:
         color = (95, 25, 65) if self.number == 0 else (40, 55, 75)
-        return self._scene.add_line_segments(f"{self._root}/bones", self._segments(0), colors=color, thickness=4.0, thickness_units="screen")
+        return self._scene.add_line_segments(
+            f"{self._root}/bones", self._segments(0), colors=color, thickness=4.0, thickness_units="screen"
+        )
 
     def _segments(self, frame: int) -> Float[Array, "bones 2 3"]:
         at = self._body.take.positions[frame].astype(np.float32)
@@ -266,7 +270,12 @@ class _Shown:
         if self._places is None:
             self._places = self._body.sensor_places()
         return self._scene.add_point_cloud(
-            f"{self._root}/sensors", self._places[0], (30, 30, 30), point_size=0.012, point_shape="circle", precision="float32"
+            f"{self._root}/sensors",
+            self._places[0],
+            (30, 30, 30),
+            point_size=0.012,
+            point_shape="circle",
+            precision="float32",
         )
 
     def _add_parts(self) -> list[tuple[Array, Any]]:
@@ -274,7 +283,9 @@ class _Shown:
         colors, posed, found = [*map(tuple, part_colors().tolist()), (170, 170, 170)], self._posed(0), []
         for part, (kept, faces) in part_surfaces(self._body.character.mesh.faces, self._body.parts).items():
             name = f"{self._root}/part{part}"
-            found.append((kept, self._scene.add_mesh_simple(name, posed[kept], faces, color=colors[part], side="double")))
+            found.append(
+                (kept, self._scene.add_mesh_simple(name, posed[kept], faces, color=colors[part], side="double"))
+            )
         return found
 
     def _posed(self, frame: int) -> Float[Array, "vertices 3"]:
