@@ -5,13 +5,16 @@ Nothing heavy is imported before a subcommand runs, so `retarget --help` answers
 
 from __future__ import annotations
 
-import logging
 import sys
 from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
 
+from retarget import cli_files
+from retarget.cli_options import File, Json, Unit, Up, Verbose
+from retarget.cli_options import listen as _listen
+from retarget.cli_options import say as _say
 from retarget.evaluate.formulas import FORMULAS, REPORTED
 
 app = typer.Typer(
@@ -22,20 +25,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-log = logging.getLogger("retarget")
 
 PRESET_NAMES = "average woman man thin heavy very_heavy muscular tall short elderly child toddler"
 """As in `body.human.PRESETS`, which would load numpy for a help text."""
-
-File = Annotated[Path, typer.Argument(show_default=False)]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what was inferred.")]
-Up = Annotated[
-    Optional[str], typer.Option(help="Up axis of the source: +y, +z, ... (inferred if not given).", show_default=False)
-]
-Unit = Annotated[
-    Optional[float], typer.Option(help="Metres per unit of the source (inferred if not given).", show_default=False)
-]
 
 
 def main() -> None:
@@ -71,12 +63,6 @@ def _common(
     ] = False,
 ) -> None:
     pass
-
-
-def _listen(verbose: bool) -> None:
-    logging.basicConfig(
-        format="%(message)s", level=logging.INFO if verbose else logging.WARNING, stream=sys.stderr, force=True
-    )
 
 
 @app.command()
@@ -141,15 +127,8 @@ def run(
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
 
 
-def _say(report: dict, as_json: bool) -> None:
-    """One JSON object, or the report's own lines when someone is reading."""
-    if as_json:
-        import json
-
-        print(json.dumps(report, indent=2))
-        return
-    for line in report["lines"]:
-        print(line)
+app.command()(cli_files.batch)
+app.command()(cli_files.convert)
 
 
 @app.command()

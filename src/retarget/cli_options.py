@@ -1,0 +1,38 @@
+"""What the subcommands share on the command line: arguments, and how they speak."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+File = Annotated[Path, typer.Argument(show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log what was inferred.")]
+Up = Annotated[
+    Optional[str], typer.Option(help="Up axis of the source: +y, +z, ... (inferred if not given).", show_default=False)
+]
+Unit = Annotated[
+    Optional[float], typer.Option(help="Metres per unit of the source (inferred if not given).", show_default=False)
+]
+
+
+def listen(verbose: bool) -> None:
+    """Warnings, and with `verbose` what was inferred, to standard error."""
+    logging.basicConfig(
+        format="%(message)s", level=logging.INFO if verbose else logging.WARNING, stream=sys.stderr, force=True
+    )
+
+
+def say(report: dict, as_json: bool) -> None:
+    """One JSON object, or the report's own lines when someone is reading."""
+    if as_json:
+        import json
+
+        print(json.dumps(report, indent=2))
+        return
+    for line in report["lines"]:
+        print(line)
