@@ -27,6 +27,9 @@ Task = dict[str, Any]
 
 PROGRAM = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from retarget.batch.worker import serve; serve(sys.argv[2])"
 
+STARTING = 120.0
+"""Seconds that a process may take to load what it works with; not counted as time of its first task."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -102,6 +105,7 @@ class Crew:
                 yield Outcome(member.task, error=f"its process stopped ({member.last_words()})")
         elif "ready" in message:
             member.ready = True
+            member.begin()
         else:
             task, member.task, member.last = member.task, None, member.task
             yield Outcome(task, message.get("answer"), message.get("error"), message.get("trace", ""))
@@ -132,12 +136,16 @@ class _Member:
 
     def give(self, task: Task, seconds: float | None) -> None:
         self.task, self.seconds = task, seconds or float("inf")
-        self.due = time.monotonic() + self.seconds
+        self.begin(0.0 if self.ready else STARTING)
         try:
             self.process.stdin.write(json.dumps(task).encode() + b"\n")
             self.process.stdin.flush()
         except OSError:  # it is dead; the end of its output will say so
             pass
+
+    def begin(self, later: float = 0.0) -> None:
+        """The time of its task runs from now on, or from some seconds later."""
+        self.due = time.monotonic() + self.seconds + later
 
     def _listen(self, heard: queue.Queue) -> None:
         with self.process.stdout as answers:
