@@ -112,7 +112,6 @@ def _convert_character(asset: Asset, order: Conversion) -> dict[str, Any]:
     bvh = order.output.suffix.lower() == ".bvh"
     chosen = _chosen_clips(asset, order, bvh)
     space, notes = _space(asset, order, keep=bvh)
-    notes += [f"the clip {clip.name!r} has no frames and is left out" for clip in asset.clips if not clip.frames]
     character = asset.character if space is None else space.character(asset.character)
 
     def motion(number: int) -> Motion:
@@ -157,7 +156,7 @@ def _chosen_clips(asset: Asset, order: Conversion, bvh: bool) -> list[int]:
     if order.clip is not None:
         asset.motion(order.clip)  # raises, naming the nearest
         return [names.index(order.clip)]
-    chosen = [number for number, clip in enumerate(asset.clips) if clip.frames]
+    chosen = list(range(len(names)))
     each = EACH in order.output.name
     if not chosen and (bvh or each):
         raise FileError(asset.path, "holds no animation, and a BVH file cannot be without" if bvh else "holds no animation")
@@ -190,8 +189,7 @@ def _inferred(asset: Asset, up: str | None, unit: float | None) -> tuple[str, fl
 
     wanted = " and ".join(option for option, known in (("--up", up), ("--unit", unit)) if known is None)
     try:
-        motion = next((asset.motion(number) for number, clip in enumerate(asset.clips) if clip.frames), None)
-        actor = cast(asset, Hints(None, up, unit), motion)
+        actor = cast(asset, Hints(None, up, unit), asset.motion(0) if asset.clips else None)
     except MatchError as error:
         raise FileError(asset.path, f"does not tell its space, and its body does not show it; give {wanted} ({error})") from None
     back = rot.rotate(rot.inverse(actor.house_from_file.rotation), AXES["+y"])

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from made_folders import NAMES, QUICK, contents, make_characters, make_motions, records, short
@@ -223,13 +224,37 @@ def test_an_input_that_changes_meanwhile_is_not_taken_for_what_it_was(made, tmp_
         Settings(contacts=str(tmp_path / "map.toml"), contacts_hash="0").of_method
 
 
-def test_a_clip_without_frames_is_a_failure(made, tmp_path):
-    (tmp_path / "m").mkdir()
-    text = (made / "m" / "walk2.bvh").read_text()
-    head = text[: text.index("Frames:")]
-    (tmp_path / "m" / "empty.bvh").write_text(head + "Frames: 0\nFrame Time: 0.033\n")
-    summary = run_batch(Batch(tmp_path / "m", made / "c" / "heavy.glb", tmp_path / "out", PLAIN))
-    print(summary); assert [each.error for each in summary.failures if "no frames" in each.error]
+def test_a_clip_without_frames_is_refused():
+    from dataclasses import replace
+
+    from retarget.batch.work import Bench, retarget_clip
+    from retarget.io.asset import Asset, Clip
+
+    empty = fingerless(walk())
+    empty = replace(empty, rotations=empty.rotations[:0], translations=empty.translations[:0])
+    asset = Asset(Path("e.glb"), "motion", clips=(Clip("walk", 0, 30.0),), read_clip=lambda number: empty)
+    bench = Bench()
+    bench.motion = (("e.glb", "0"), asset)
+    task = {"motion": "e.glb", "clip": 0, "character": "c", "inputs": ["0", "0"], "output": "o.glb"}
+    with pytest.raises(RetargetError, match="e.glb: the clip 'walk' has no frames"):
+        retarget_clip(task, PLAIN, bench)
+
+
+def test_a_prepared_pair_is_used_again_and_changes_nothing(made, tmp_path):
+    """Bytes do not depend on what a process did before."""
+    from retarget.batch.plan import Input, content_hash
+    from retarget.batch.work import Bench, retarget_clip
+
+    settings, bench, names = Settings(), Bench(), ("walk2.bvh", "walk10.bvh")
+    for fresh in (False, True):
+        for name in names:
+            paths = [made / "m" / name, made / "c" / "heavy.glb"]
+            task = {"motion": str(paths[0]), "clip": 0, "character": str(paths[1])}
+            task |= {"inputs": [content_hash(Input(path, "")) for path in paths], "output": str(tmp_path / f"{fresh}{name}.glb")}
+            retarget_clip(task, settings, Bench() if fresh else bench)
+    assert len(bench.pairs) == 1  # both performers are one
+    for name in names:
+        assert (tmp_path / f"True{name}.glb").read_bytes() == (tmp_path / f"False{name}.glb").read_bytes()
 
 
 # --- what cannot be begun -----------------------------------------------------------------------------------------
