@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -84,28 +85,32 @@ def run_batch(batch: Batch, show: Callable[[int], Any] | None = None, work: str 
         batch.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(batch.folder, f"cannot be made a folder: {error.strerror or error}") from None
-    with (
-        held_alone(batch.folder) as lock,
-        Manifest(batch.folder) as manifest,
-        Crew(batch.processes, work, inherit=[lock]) as crew,
-    ):
-        remove_temporaries(batch.folder)
-        run = _Run(batch, manifest, crew)
-        with _shown(show, len(motions) + len(characters)) as tell:
-            clips, bodies, passed_over = run.look(motions, characters, tell)
-        unread = sorted(run.failures, key=lambda each: (each.character, natural_order(each.motion)))
-        jobs = plan_jobs(clips, bodies, batch.suffix, RESERVED)
-        refuse_overwriting(jobs, [*motions, *characters], batch.folder)
-        with _shown(show, len(jobs)) as tell:
-            before = run.work(jobs, tell)
+    with held_alone(batch.folder) as lock, Manifest(batch.folder) as manifest, _without_temporaries(batch.folder):
+        with Crew(batch.processes, work, inherit=[lock]) as crew:
+            run = _Run(batch, manifest, crew)
+            with _shown(show, len(motions) + len(characters)) as tell:
+                clips, bodies, passed_over = run.look(motions, characters, tell)
+            unread = sorted(run.failures, key=lambda each: (each.character, natural_order(each.motion)))
+            jobs = plan_jobs(clips, bodies, batch.suffix, RESERVED)
+            refuse_overwriting(jobs, [*motions, *characters], batch.folder)
+            with _shown(show, len(jobs)) as tell:
+                before = run.work(jobs, tell)
     order = [job.key for job in jobs]
     done = tuple(run.done[key] for key in order if key in run.done)
     return Summary(done, before, (*unread, *run.undone(jobs)), tuple(passed_over))
 
 
-def _shown(show, steps: int):
-    from contextlib import nullcontext
+@contextmanager
+def _without_temporaries(folder: Path) -> Iterator[None]:
+    """What killed writers left is taken away before (of a run that was killed) and after (of processes that this one did)."""
+    remove_temporaries(folder)
+    try:
+        yield
+    finally:
+        remove_temporaries(folder)
 
+
+def _shown(show: Callable[[int], Any] | None, steps: int) -> Any:
     return nullcontext(untold) if show is None else show(steps)
 
 
@@ -182,6 +187,7 @@ class _Run:
         for record in self.manifest.records:
             if "done" in record:
                 self.done[tuple(record["done"])] = record
+        tell("checking what is there")
         self.done = {job.key: self.done[job.key] for job in jobs if self._is_done(job)}
         before = len(self.done)
         tell("", before)
@@ -231,10 +237,6 @@ class _Run:
         return [Failure(job.motion.name, job.clip_name, job.character.name, self.errors[job.key]) for job in failed]
 
     def _fail(self, outcome: Outcome, key: list) -> None:
-        output = outcome.task.get("output")
-        if output is not None:  # a process that was killed had no time to clean up
-            for left in Path(output).parent.glob(f".{Path(output).name}.*.tmp"):
-                left.unlink(missing_ok=True)
         self.manifest.add({"failed": key, "error": outcome.error, **({"trace": outcome.trace} if outcome.trace else {})})
 
 
