@@ -58,7 +58,9 @@ def kill_and_resume(folder: Path, kills: int, seed: int, tell=lambda text: None,
                     group = report["kills"] % 2 == 0
                     (os.killpg if group else os.kill)(batch.pid, signal.SIGKILL)
                     report["kills"] += 1
-                    report["finished_when_killed"] += len(records(output)) if (output / "manifest.jsonl").exists() else 0
+                    report["finished_when_killed"] += (
+                        len(records(output)) if (output / "manifest.jsonl").exists() else 0
+                    )
                     tell(f"kill {report['kills']}: {'all processes' if group else 'the master alone'}")
                     if not group:
                         wait_for_orphans(output)

@@ -94,7 +94,9 @@ def test_there_and_back(made, tmp_path, command):
     assert command("convert", made / "walk.bvh", tmp_path / "a.glb")[0] == 0
     code, out, err = command("convert", tmp_path / "a.glb", tmp_path / "b.bvh", "--json")
     report = json.loads(out)
-    assert report["files"] == [{"output": str(tmp_path / "b.bvh"), "clips": [{"name": "walk", "frames": 90, "fps": 30.0}]}]
+    assert report["files"] == [
+        {"output": str(tmp_path / "b.bvh"), "clips": [{"name": "walk", "frames": 90, "fps": 30.0}]}
+    ]
     assert np.abs(places(tmp_path / "b.bvh")[0] - places(made / "walk.bvh")[0]).max() < 1e-5
 
 
@@ -103,7 +105,9 @@ def test_a_gltf_character_comes_through_with_all_its_clips(made, tmp_path, comma
     before, after = load(made / "two.glb"), load(tmp_path / "o.gltf")
     assert [clip.name for clip in after.clips] == ["one", "two"] and (tmp_path / "o.bin").exists()
     for clip in ("one", "two"):
-        skins = [prepare_skinning(asset.character).vertices(*world_pose(asset.motion(clip))) for asset in (before, after)]
+        skins = [
+            prepare_skinning(asset.character).vertices(*world_pose(asset.motion(clip))) for asset in (before, after)
+        ]
         assert np.array_equal(*skins)
 
 

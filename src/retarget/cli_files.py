@@ -15,7 +15,9 @@ def convert(
     file: File,
     output: Annotated[
         Path,
-        typer.Argument(help="The file to write; {clip} in its name stands for the clip: a file each.", show_default=False),
+        typer.Argument(
+            help="The file to write; {clip} in its name stands for the clip: a file each.", show_default=False
+        ),
     ],
     clip: Annotated[
         Optional[str], typer.Option(help="Name of the clip (every clip if not given).", show_default=False)
@@ -39,7 +41,8 @@ def batch(
     characters: Annotated[Path, typer.Argument(help="Folder of characters (or one file).", show_default=False)],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.", show_default=False)],
     jobs: Annotated[
-        Optional[int], typer.Option(help="Processes at work (one a core if not given).", min=1, max=256, show_default=False)
+        Optional[int],
+        typer.Option(help="Processes at work (one a core if not given).", min=1, max=256, show_default=False),
     ] = None,
     timeout: Annotated[float, typer.Option(help="Seconds that one clip may take; 0 for no limit.", min=0)] = 1800.0,
     suffix: Annotated[str, typer.Option(help="Format of the results: .glb or .bvh.")] = ".glb",

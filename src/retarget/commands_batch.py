@@ -49,8 +49,8 @@ def make_batch(
         contacts_hash=_hash(contacts),
         **settings,
     )
-    choose_method(made.method, made.of_method)
-    made.hints  # noqa: B018 (raises for a map that cannot be read)
+    choose_method(made.method, made.for_method())
+    made.hints()  # raises for a map that cannot be read
     for option, up in (("--up", made.up), ("--target-up", made.target_up)):
         if up is not None and up not in AXES:
             raise RetargetError(f"{option}: {up!r} is unknown; use one of {', '.join(AXES)}")
@@ -111,7 +111,8 @@ def _lines(batch: Batch, summary: Summary, seconds: float) -> Iterator[str]:
     before = f", {summary.done_before} were there before" if summary.done_before else ""
     yield f"{batch.folder}: {made} clips made in {seconds:.1f} s by {batch.processes} processes{before}"
     if incomplete := _incomplete(summary):
-        yield f"  {len(incomplete)} of all {len(summary.done)} say what could not hold: see \"status\" in {batch.folder / NAME}"
+        where = f'see "status" in {batch.folder / NAME}'
+        yield f"  {len(incomplete)} of all {len(summary.done)} say what could not hold: {where}"
     for name in summary.passed_over:
         yield f"  passed over: {name} holds no animation"
     if summary.failures:
@@ -124,7 +125,13 @@ def _table(failures: tuple[Failure, ...]) -> Iterator[str]:
     rows = [("motion", "character", "why")]
     for each in failures:
         clip = f" [{each.clip}]" if each.clip else ""
-        rows.append((_short(each.motion + clip) or "(every motion)", _short(each.character) or "(every one)", _begin(each.error)))
+        rows.append(
+            (
+                _short(each.motion + clip) or "(every motion)",
+                _short(each.character) or "(every one)",
+                _begin(each.error),
+            )
+        )
     widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
     for row in rows:
         yield f"    {row[0]:{widths[0]}}  {row[1]:{widths[1]}}  {row[2]}"

@@ -122,19 +122,23 @@ def _convert_character(asset: Asset, order: Conversion) -> dict[str, Any]:
     if EACH in order.output.name:
         names = [portable(asset.clips[number].name or f"clip {number + 1}") for number in chosen]
         stem = order.output.stem
-        files = [order.output.parent / name for name in distinct([[stem.replace(EACH, name)] for name in names], order.output.suffix)]
+        files = [
+            order.output.parent / name
+            for name in distinct([[stem.replace(EACH, name)] for name in names], order.output.suffix)
+        ]
         for file in files:
             _expect_other_file(order.file, file)
         _make_folder(order.output.parent)
         parts = [(file, [number]) for file, number in zip(files, chosen)]
     else:
         parts = [(order.output, chosen)]
-    untouched = not bvh and character.origin is not None and order.clip is None and order.fps is None
+    gltf = order.output.suffix.lower() in (".glb", ".gltf")
+    untouched = gltf and character.origin is not None and order.clip is None and order.fps is None
     written = []
     for file, numbers in parts:
         whole = untouched and EACH not in order.output.name
         motions = [] if whole else [motion(number) for number in numbers]
-        save(file, character, motions, **({} if bvh else {"keep_clips": whole}))
+        save(file, character, motions, **({"keep_clips": whole} if gltf else {}))
         clips = [asset.clips[number] for number in numbers]
         if whole:
             written.append((file, [(clip.name, clip.frames, clip.fps) for clip in clips]))
@@ -159,7 +163,9 @@ def _chosen_clips(asset: Asset, order: Conversion, bvh: bool) -> list[int]:
     chosen = list(range(len(names)))
     each = EACH in order.output.name
     if not chosen and (bvh or each):
-        raise FileError(asset.path, "holds no animation, and a BVH file cannot be without" if bvh else "holds no animation")
+        raise FileError(
+            asset.path, "holds no animation, and a BVH file cannot be without" if bvh else "holds no animation"
+        )
     if bvh and len(chosen) > 1 and not each:
         listed = ", ".join(map(repr, names[:3])) + (", ..." if len(names) > 3 else "")
         pattern = order.output.with_name(f"{order.output.stem}_{EACH}.bvh")
@@ -191,7 +197,9 @@ def _inferred(asset: Asset, up: str | None, unit: float | None) -> tuple[str, fl
     try:
         actor = cast(asset, Hints(None, up, unit), asset.motion(0) if asset.clips else None)
     except MatchError as error:
-        raise FileError(asset.path, f"does not tell its space, and its body does not show it; give {wanted} ({error})") from None
+        raise FileError(
+            asset.path, f"does not tell its space, and its body does not show it; give {wanted} ({error})"
+        ) from None
     back = rot.rotate(rot.inverse(actor.house_from_file.rotation), AXES["+y"])
     name = min(AXES, key=lambda each: float(np.abs(AXES[each] - back).max()))
     return up or name, unit or actor.house_from_file.scale, list(actor.notes)

@@ -32,7 +32,9 @@ def make_characters(folder):
     return folder
 
 
-NAMES = sorted(f"{body}/{name}.glb" for body in ("heavy", "child") for name in ("walk2", "walk10", "sub/two/one", "sub/two/two_2"))
+NAMES = sorted(
+    f"{body}/{name}.glb" for body in ("heavy", "child") for name in ("walk2", "walk10", "sub/two/one", "sub/two/two_2")
+)
 """What a batch of these is called."""
 
 

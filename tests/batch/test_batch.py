@@ -72,7 +72,9 @@ def test_every_clip_is_put_onto_every_character(made):
 
 def test_the_results_are_those_of_run(made, tmp_path, command):
     for motion in ("walk2.bvh", "walk10.bvh"):
-        command("run", made / "m" / motion, made / "c" / "child.glb", "-o", tmp_path / "r.glb", "--method", "copy-rotations")
+        command(
+            "run", made / "m" / motion, made / "c" / "child.glb", "-o", tmp_path / "r.glb", "--method", "copy-rotations"
+        )
         assert (tmp_path / "r.glb").read_bytes() == (made / "out" / "child" / motion).with_suffix(".glb").read_bytes()
 
 
@@ -139,7 +141,10 @@ def test_names_that_would_meet_are_told_apart(tmp_path):
         (tmp_path / "m").mkdir(exist_ok=True)
         save(tmp_path / "m" / name, fingerless(body()), [short(walk(), name)])
     assert again_or_first(tmp_path) == ["heavy/Walk_bvh.glb", "heavy/walk_glb.glb"]
-    assert [load(tmp_path / "out" / "heavy" / name).clips[0].name for name in ("Walk_bvh.glb", "walk_glb.glb")] == ["Walk", "walk.glb"]
+    assert [load(tmp_path / "out" / "heavy" / name).clips[0].name for name in ("Walk_bvh.glb", "walk_glb.glb")] == [
+        "Walk",
+        "walk.glb",
+    ]
 
 
 def test_a_character_is_not_put_onto_itself(tmp_path):
@@ -183,8 +188,13 @@ def test_failures_are_collected_and_told_in_a_table(copied, command):
     rows = [line.split() for line in out.splitlines()]
     assert "0 clips made" in out and "8 were there before" in out and "passed over: still.glb holds no animation" in out
     assert ["4", "failed:"] in rows
-    assert [row[:2] for row in rows if row and row[0] in ("junk.bvh", "(every")] == [["junk.bvh", "(every"], ["(every", "motion)"]]
-    assert [row[:3] for row in rows if row and row[0] == "stick.bvh"] == [["stick.bvh", "[stick]", name] for name in ("child.glb", "heavy.glb")]
+    assert [row[:2] for row in rows if row and row[0] in ("junk.bvh", "(every")] == [
+        ["junk.bvh", "(every"],
+        ["(every", "motion)"],
+    ]
+    assert [row[:3] for row in rows if row and row[0] == "stick.bvh"] == [
+        ["stick.bvh", "[stick]", name] for name in ("child.glb", "heavy.glb")
+    ]
     assert sorted(contents(copied / "out")) == NAMES
     (copied / "m" / "junk.bvh").unlink(), (copied / "m" / "stick.bvh").unlink(), (copied / "c" / "stick.bvh").unlink()
     code, out, err = command("batch", copied / "m", copied / "c", "-o", copied / "out", *QUICK, "--json")
@@ -213,15 +223,24 @@ def test_a_job_that_takes_its_process_down_or_hangs_is_named_and_the_rest_is_don
 def test_an_input_that_changes_meanwhile_is_not_taken_for_what_it_was(made, tmp_path):
     from retarget.batch.work import perform
 
-    task = {"do": "clip", "motion": str(made / "m" / "walk2.bvh"), "clip": 0, "character": str(made / "c" / "heavy.glb")}
-    task |= {"inputs": ["0" * 64, "0" * 64], "output": str(tmp_path / "x.glb"), "settings": {"method": "copy-rotations"}}
+    task = {
+        "do": "clip",
+        "motion": str(made / "m" / "walk2.bvh"),
+        "clip": 0,
+        "character": str(made / "c" / "heavy.glb"),
+    }
+    task |= {
+        "inputs": ["0" * 64, "0" * 64],
+        "output": str(tmp_path / "x.glb"),
+        "settings": {"method": "copy-rotations"},
+    }
     with pytest.raises(RetargetError, match="walk2.bvh: was changed while the batch ran"):
         perform(task)
     (tmp_path / "map.toml").write_text("")
     with pytest.raises(RetargetError, match="map.toml: was changed while the batch ran"):
-        Settings(map_file=str(tmp_path / "map.toml"), map_hash="0").hints
+        Settings(map_file=str(tmp_path / "map.toml"), map_hash="0").hints()
     with pytest.raises(RetargetError, match="map.toml: was changed while the batch ran"):
-        Settings(contacts=str(tmp_path / "map.toml"), contacts_hash="0").of_method
+        Settings(contacts=str(tmp_path / "map.toml"), contacts_hash="0").for_method()
 
 
 def test_a_clip_without_frames_is_refused():
@@ -250,7 +269,10 @@ def test_a_prepared_pair_is_used_again_and_changes_nothing(made, tmp_path):
         for name in names:
             paths = [made / "m" / name, made / "c" / "heavy.glb"]
             task = {"motion": str(paths[0]), "clip": 0, "character": str(paths[1])}
-            task |= {"inputs": [content_hash(Input(path, "")) for path in paths], "output": str(tmp_path / f"{fresh}{name}.glb")}
+            task |= {
+                "inputs": [content_hash(Input(path, "")) for path in paths],
+                "output": str(tmp_path / f"{fresh}{name}.glb"),
+            }
             retarget_clip(task, settings, Bench() if fresh else bench)
     assert len(bench.pairs) == 1  # both performers are one
     for name in names:
@@ -278,7 +300,11 @@ def test_a_prepared_pair_is_used_again_and_changes_nothing(made, tmp_path):
     ],
 )
 def test_what_cannot_be_begun_is_one_line(made, tmp_path, monkeypatch, command, words, said):
-    shutil.copytree(made / "m", tmp_path / "m"), shutil.copytree(made / "c", tmp_path / "c"), (tmp_path / "empty").mkdir()
+    (
+        shutil.copytree(made / "m", tmp_path / "m"),
+        shutil.copytree(made / "c", tmp_path / "c"),
+        (tmp_path / "empty").mkdir(),
+    )
     monkeypatch.chdir(tmp_path)
     before = contents(tmp_path)
     code, out, err = command("batch", *words)
@@ -313,10 +339,24 @@ def test_temporaries_of_a_dead_run_are_taken_away_and_nothing_else(copied):
 
 def test_an_interrupt_leaves_everything_consistent(made, tmp_path):
     """Ctrl-C reaches all processes of the terminal."""
-    words = [sys.executable, "-m", "retarget", "batch", str(made / "m"), str(made / "c"), "-o", str(tmp_path / "out"), *QUICK]
+    words = [
+        sys.executable,
+        "-m",
+        "retarget",
+        "batch",
+        str(made / "m"),
+        str(made / "c"),
+        "-o",
+        str(tmp_path / "out"),
+        *QUICK,
+    ]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     process = subprocess.Popen(words, start_new_session=True, stderr=subprocess.PIPE, env=environment)
-    while process.poll() is None and not (tmp_path / "out" / "heavy").exists() and not (tmp_path / "out" / "child").exists():
+    while (
+        process.poll() is None
+        and not (tmp_path / "out" / "heavy").exists()
+        and not (tmp_path / "out" / "child").exists()
+    ):
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
     said = process.communicate(timeout=30)[1].decode()

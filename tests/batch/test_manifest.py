@@ -39,7 +39,9 @@ def test_a_line_torn_at_any_byte_is_taken_away_and_only_that(tmp_path):
         assert lines(tmp_path) == first + (last if whole else b"") + b'{"done":["e",2,"b"]}\n'
 
 
-@pytest.mark.parametrize("junk", [b"\n", b"\xff\xfe\n", b"[1]\n", b'{"done":\n', b"[" * 100_000 + b"\n", b"null\n", b"9" * 10000 + b"\n"])
+@pytest.mark.parametrize(
+    "junk", [b"\n", b"\xff\xfe\n", b"[1]\n", b'{"done":\n', b"[" * 100_000 + b"\n", b"null\n", b"9" * 10000 + b"\n"]
+)
 def test_lines_that_say_nothing_are_passed_over(tmp_path, junk):
     (tmp_path / NAME).write_bytes(b'{"a":1}\n' + junk + b'{"b":2}\n')
     with Manifest(tmp_path) as manifest:

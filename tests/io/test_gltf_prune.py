@@ -52,8 +52,18 @@ def test_what_is_shown_stays_and_the_clips_data_goes(features, suffix, tmp_path)
     size = lambda name: sum(file.stat().st_size for file in tmp_path.glob(f"{name}.*"))  # noqa: E731
     assert size("b") < 0.85 * size("c")
     views = new.json["bufferViews"]
+    sizes = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+    for accessor in new.json["accessors"]:
+        if "bufferView" in accessor:
+            start = views[accessor["bufferView"]].get("byteOffset", 0) + accessor.get("byteOffset", 0)
+            assert start % sizes[accessor["componentType"]] == 0
     used = {accessor.get("bufferView") for accessor in new.json["accessors"]}
-    used |= {accessor["sparse"][part]["bufferView"] for accessor in new.json["accessors"] if "sparse" in accessor for part in ("indices", "values")}
+    used |= {
+        accessor["sparse"][part]["bufferView"]
+        for accessor in new.json["accessors"]
+        if "sparse" in accessor
+        for part in ("indices", "values")
+    }
     used |= {image.get("bufferView") for image in new.json.get("images", ())}
     assert set(range(len(views))) <= used  # no view is left for nothing
     assert gltf.load(path).motion(2).rotations.tolist() == asset.motion(2).rotations.tolist()  # the source is as it was

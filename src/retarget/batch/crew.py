@@ -25,7 +25,11 @@ from retarget.errors import RetargetError
 
 Task = dict[str, Any]
 
-PROGRAM = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from retarget.batch.worker import serve; serve(sys.argv[2])"
+PROGRAM = """import json, sys
+sys.path[:] = json.loads(sys.argv[1])
+from retarget.batch.worker import serve
+serve(sys.argv[2])"""
+"""What a process runs: the same code as this one, whatever main module and working directory there are."""
 
 STARTING = 120.0
 """Seconds that a process may take to load what it works with; not counted as time of its first task."""
@@ -63,9 +67,7 @@ class Crew:
             if member is not None:
                 member.end()
 
-    def outcomes(
-        self, choose: Callable[[Task | None], Task | None], seconds: float | None = None
-    ) -> Iterator[Outcome]:
+    def outcomes(self, choose: Callable[[Task | None], Task | None], seconds: float | None = None) -> Iterator[Outcome]:
         """Do tasks until `choose` has none; each outcome as it comes.
 
         `choose` is called with the last task of the process that is free (None for a new one) and returns its next, or
@@ -85,7 +87,7 @@ class Crew:
 
     def _next(self) -> Iterator[Outcome]:
         """At most one outcome: an answer that came, a process that ended, or one whose time is up."""
-        due = min((member.due for member in self.members if member is not None and member.task is not None))
+        due = min(member.due for member in self.members if member is not None and member.task is not None)
         try:
             wait = None if due == float("inf") else max(0.0, due - time.monotonic())
             member, message = self.heard.get(timeout=wait)
@@ -175,7 +177,7 @@ class _Member:
 
 @contextmanager
 def _interrupts_held_back() -> Iterator[None]:
-    """Ctrl-C reaches every process of a terminal. Those started meanwhile are born deaf to it; here it comes a little later."""
+    """Ctrl-C reaches every process of a terminal: those started meanwhile are born deaf to it; here it comes later."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

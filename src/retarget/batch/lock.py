@@ -32,13 +32,19 @@ def held_alone(folder: Path) -> Iterator[int]:
         if time.monotonic() - waited < (COURTESY if alive else PATIENCE):
             time.sleep(0.05)
         elif alive:
-            raise FileError(folder, f"another batch (process {owner}) is at work there; wait for it, or name another folder")
+            raise FileError(
+                folder, f"another batch (process {owner}) is at work there; wait for it, or name another folder"
+            )
         else:
-            raise FileError(folder, f"processes of a run that ended are still at work there (see {path}); try again later")
+            raise FileError(
+                folder, f"processes of a run that ended are still at work there (see {path}); try again later"
+            )
     try:
         yield descriptor
     finally:
-        with suppress(OSError):  # while it is held, so that nobody can have taken it meanwhile; Windows refuses, no harm
+        with suppress(
+            OSError
+        ):  # while it is held, so that nobody can have taken it meanwhile; Windows refuses, no harm
             path.unlink()
         os.close(descriptor)
 

@@ -1,9 +1,11 @@
 """What a run has done, one JSON object a line: the file that makes it resumable.
 
-    {"settings": {...}, "digest": "…", "version": "0.1.0"}                      a run began, with these settings
-    {"looked": "motions", "file": "a/walk.bvh", "stamps": [[name, bytes, mtime_ns], …], "sha256": "…", "digest": "…", "clips": [[name, frames, fps], …]}
-    {"done": [motion, clip number, character], "inputs": [sha256, sha256], "digest": "…", "output": "…", "bytes": 1, "sha256": "…", …}
-    {"failed": [motion, clip number, character], "error": "…", …}
+    {"settings": {…}, "digest": "…", "version": "0.1.0"}            a run began; the digest is of settings and version
+    {"looked": "motions" or "characters", "file": "a/walk.bvh", "stamps": [[name, bytes, mtime_ns], …], "sha256": "…",
+     "digest": "…", "clips": [[name, frames, fps], …]}              a file can serve
+    {"done": [motion, clip number, character], "inputs": [sha256, sha256], "digest": "…", "output": "…", "bytes": 1,
+     "sha256": "…", "clip": "…", "frames": 1, "fps": 30.0, "status": "ok", "notes": […], "seconds": 0.1}
+    {"failed": [motion, clip number, character] or [role, file], "error": "…", "trace": "…"}
 
 Later lines count more. A line is added when what it says is true on the disk, in one write; a process that is killed can
 only leave the last line torn.

@@ -102,7 +102,7 @@ def run_batch(batch: Batch, show: Callable[[int], Any] | None = None, work: str 
 
 @contextmanager
 def _without_temporaries(folder: Path) -> Iterator[None]:
-    """What killed writers left is taken away before (of a run that was killed) and after (of processes that this one did)."""
+    """What writers left is taken away: before, of a run that was killed; after, of processes that this one killed."""
     remove_temporaries(folder)
     try:
         yield
@@ -237,7 +237,9 @@ class _Run:
         return [Failure(job.motion.name, job.clip_name, job.character.name, self.errors[job.key]) for job in failed]
 
     def _fail(self, outcome: Outcome, key: list) -> None:
-        self.manifest.add({"failed": key, "error": outcome.error, **({"trace": outcome.trace} if outcome.trace else {})})
+        self.manifest.add(
+            {"failed": key, "error": outcome.error, **({"trace": outcome.trace} if outcome.trace else {})}
+        )
 
 
 class _Waiting:

@@ -53,8 +53,7 @@ class Settings:
         said = asdict(replace(self, map_file=None, contacts=None)) | {"version": __version__}
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
 
-    @property
-    def of_method(self) -> dict[str, Any]:
+    def for_method(self) -> dict[str, Any]:
         """The method's own settings. Raises `RetargetError` for a contacts file that cannot be read or has changed."""
         own: dict[str, Any] = {"in_place": self.in_place, "foot_lock": self.foot_lock, "steady": self.steady}
         if self.contacts is not None:
@@ -64,7 +63,6 @@ class Settings:
             own["contacts"] = read_contacts(Path(self.contacts))
         return own
 
-    @property
     def hints(self) -> tuple[Hints, Hints]:
         """Of motions and of characters. Raises `RetargetError` for a map file that cannot be read or has changed."""
         source_joints = target_joints = None
@@ -101,7 +99,7 @@ class Bench:
         key = (path, known, settings)
         if self.character[0] != key:
             self.pairs.clear()
-            self.character = (key, cast(_load(path, known), settings.hints[1]))
+            self.character = (key, cast(_load(path, known), settings.hints()[1]))
         return self.character[1]
 
     def pair(self, source: Actor, target: Actor, settings: Settings) -> Production:
@@ -110,7 +108,7 @@ class Bench:
         if key not in self.pairs:
             while len(self.pairs) >= PAIRS_KEPT:
                 self.pairs.pop(next(iter(self.pairs)))
-            self.pairs[key] = prepare(source, target, settings.method, **settings.of_method)
+            self.pairs[key] = prepare(source, target, settings.method, **settings.for_method())
         return replace(self.pairs[key], source=source)
 
 
@@ -148,7 +146,7 @@ def look(path: Path, role: str, settings: Settings) -> dict[str, Any]:
     known = content_hash(Input(path, path.name))
     asset = load(path)
     if role == "characters":
-        cast(asset, settings.hints[1])
+        cast(asset, settings.hints()[1])
     return {"sha256": known, "clips": [[clip.name, clip.frames, clip.fps] for clip in asset.clips]}
 
 
@@ -166,7 +164,7 @@ def retarget_clip(task: dict[str, Any], settings: Settings, bench: Bench) -> dic
     if not len(motion):
         raise RetargetError(f"{asset.path}: the clip {motion.name!r} has no frames")
     target = bench.target(task["character"], task["inputs"][1], settings)
-    source = cast(asset, settings.hints[0], motion)
+    source = cast(asset, settings.hints()[0], motion)
     result = bench.pair(source, target, settings)(motion)
     output = Path(task["output"])
     output.parent.mkdir(parents=True, exist_ok=True)

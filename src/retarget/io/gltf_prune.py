@@ -9,8 +9,7 @@ from typing import Any
 
 from retarget.io.gltf_draft import Draft
 
-HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_punctual", "KHR_mesh_quantization", "EXT_texture_", "MSFT_texture_dds",
-            "VRM")  # fmt: skip
+HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_punctual", "KHR_mesh_quantization", "EXT_texture_", "VRM")
 """Beginnings of extensions that refer to no accessor and no buffer view; with any other one everything is kept."""
 
 
