@@ -11,6 +11,7 @@ from typing import Annotated, Optional
 
 import typer
 
+from retarget import cli_files
 from retarget.cli_options import File, Json, Unit, Up, Verbose
 from retarget.cli_options import listen as _listen
 from retarget.cli_options import say as _say
@@ -129,6 +130,10 @@ def run(
         contacts=contacts_file, report=show_report, engine=engine,
     )  # fmt: skip
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
+
+
+app.command()(cli_files.batch)
+app.command()(cli_files.convert)
 
 
 @app.command()

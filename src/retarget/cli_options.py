@@ -21,7 +21,7 @@ Unit = Annotated[
 
 
 def listen(verbose: bool) -> None:
-    """Send the log to standard error."""
+    """Warnings, and with `verbose` what was inferred, to standard error."""
     logging.basicConfig(
         format="%(message)s", level=logging.INFO if verbose else logging.WARNING, stream=sys.stderr, force=True
     )

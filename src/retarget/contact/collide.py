@@ -397,8 +397,10 @@ def _shared_out(work: Callable[[Any], Any], shares: Sequence[Any]) -> list[Any]:
 
 
 def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Cores that this process may use, and at most as many as `RETARGET_THREADS` says."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    allowed = os.environ.get("RETARGET_THREADS", "")
+    return min(cores, max(1, int(allowed))) if allowed.isdecimal() else cores
 
 
 def _announce() -> None:

@@ -14,6 +14,7 @@ from retarget.errors import FileError, RetargetError
 from retarget.io.gltf_build import add_influences, add_matrices, bare_document, character_document
 from retarget.io.gltf_draft import Draft, write_files
 from retarget.io.gltf_nodes import GltfOrigin, Rig, node_transform
+from retarget.io.gltf_prune import prune
 from retarget.io.vrm import is_vrm
 
 Array = np.ndarray
@@ -32,7 +33,7 @@ def save(
     A character that was read from glTF keeps its file: everything in it stays, byte for byte, and the motions are
     appended as animations, in terms of its own nodes (which is why its mesh and skin are taken from there, whatever
     the character holds now). What had to be repaired on reading is written repaired, behind the faulty data.
-    `keep_clips=False` leaves out the clips it had. Any other character is written anew. `animation_only` writes the
+    `keep_clips=False` leaves out the clips it had, and their data. Any other character is written anew. `animation_only` writes the
     joints and the motions: no surface, no pictures, no earlier clips.
 
     Raises `RetargetError` if a motion belongs to another skeleton or has no frames, `FileError` if `path` cannot be
@@ -62,6 +63,8 @@ def save(
         held = _held_channels(draft, rig, motions)
         for motion in motions:
             append_motion(draft, rig, motion, held)
+    if origin is not None and not (keep_clips or animation_only):
+        prune(draft)
     draft.json["asset"]["generator"] = "retarget"
     write_files(draft.gltf(path) if path.suffix.lower() == ".gltf" else draft.glb(path))
 

@@ -1,0 +1,91 @@
+"""The subcommands for files by the dozen: from one format into another, folders onto folders."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from retarget.cli_options import File, Json, Unit, Up, Verbose, listen, say
+
+
+def convert(
+    file: File,
+    output: Annotated[
+        Path,
+        typer.Argument(
+            help="The file to write; {clip} in its name stands for the clip: a file each.", show_default=False
+        ),
+    ],
+    clip: Annotated[
+        Optional[str], typer.Option(help="Name of the clip (every clip if not given).", show_default=False)
+    ] = None,
+    fps: Annotated[
+        Optional[float], typer.Option(help="Frame rate to write (the file's if not given).", show_default=False)
+    ] = None,
+    up: Up = None,
+    unit: Unit = None,
+    as_json: Json = False,
+) -> None:
+    """Write a file in another format: `retarget convert dance.fbx dance.glb`."""
+    listen(False)
+    from retarget.commands_convert import Conversion, convert_file
+
+    say(convert_file(Conversion(file, output, clip, fps, up, unit)), as_json)
+
+
+def batch(
+    motions: Annotated[Path, typer.Argument(help="Folder of motions (or one file).", show_default=False)],
+    characters: Annotated[Path, typer.Argument(help="Folder of characters (or one file).", show_default=False)],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.", show_default=False)],
+    jobs: Annotated[
+        Optional[int],
+        typer.Option(help="Processes at work (one a core if not given).", min=1, max=256, show_default=False),
+    ] = None,
+    timeout: Annotated[float, typer.Option(help="Seconds that one clip may take; 0 for no limit.", min=0)] = 1800.0,
+    suffix: Annotated[str, typer.Option(help="Format of the results: .glb or .bvh.")] = ".glb",
+    fps: Annotated[
+        Optional[float], typer.Option(help="Frame rate of the results (the source's if not given).", show_default=False)
+    ] = None,
+    method: Annotated[str, typer.Option(help="Method, by name.")] = "auto",
+    in_place: Annotated[bool, typer.Option("--in-place", help="Drop the horizontal path.")] = False,
+    foot_lock: Annotated[
+        bool, typer.Option("--foot-lock/--no-foot-lock", help="Hold what rests on the ground.")
+    ] = True,
+    steady: Annotated[
+        bool, typer.Option("--steady/--no-steady", help="Filter shake that the character's proportions would enlarge.")
+    ] = True,
+    animation_only: Annotated[
+        bool, typer.Option("--animation-only", help="Write joints and animation, no surface.")
+    ] = False,
+    contacts_file: Annotated[
+        Optional[Path], typer.Option("--contacts", help="Contacts file (see `retarget contacts`).", show_default=False)
+    ] = None,
+    map_file: Annotated[
+        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
+    ] = None,
+    up: Up = None,
+    unit: Unit = None,
+    target_up: Annotated[Optional[str], typer.Option(help="Up axis of the characters.", show_default=False)] = None,
+    target_unit: Annotated[
+        Optional[float], typer.Option(help="Metres per unit of the characters.", show_default=False)
+    ] = None,
+    as_json: Json = False,
+    verbose: Verbose = False,
+) -> None:
+    """Put every motion of a folder onto every character of another; start it again to resume:
+    `retarget batch captures/ characters/ -o results/`."""
+    listen(verbose)
+    from retarget.commands_batch import make_batch, report_batch
+
+    order = make_batch(
+        motions, characters, output, jobs=jobs, timeout=timeout, suffix=suffix, fps=fps, method=method,
+        in_place=in_place, foot_lock=foot_lock, steady=steady, animation_only=animation_only, contacts=contacts_file,
+        map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
+    )  # fmt: skip
+    report = report_batch(order, progress=sys.stderr.isatty() and not as_json)
+    say(report, as_json)
+    if report["failed"]:
+        raise typer.Exit(1)
