@@ -47,6 +47,8 @@ def load(path: str | Path, *, smpl_model: str | Path | None = None) -> Asset:
     suffix = path.suffix.lower()
     if not path.exists():
         raise FileError(path, "no such file")
+    if smpl_model is not None and suffix != ".npz":
+        raise FileError(path, "an SMPL model is given for motions in .npz only")
     if path.is_dir():
         return importlib.import_module("retarget.io.mesh_folder").load(path)
     if suffix in (".pkl", ".pickle"):
@@ -55,8 +57,6 @@ def load(path: str | Path, *, smpl_model: str | Path | None = None) -> Asset:
         raise FileError(path, f"unknown suffix {suffix!r}; supported: {' '.join(sorted(READERS))}")
     if not path.is_file():
         raise FileError(path, "is not a file")
-    if smpl_model is not None and suffix != ".npz":
-        raise FileError(path, f"an SMPL model is given for motions in .npz, not for {suffix!r}")
     options = {} if smpl_model is None else {"smpl_model": smpl_model}
     try:
         return importlib.import_module(READERS[suffix]).load(path, **options)
