@@ -31,6 +31,9 @@ DIRECTIONS: dict[str, tuple[str, tuple[float, float, float]]] = {
 """How the limbs of SMPL's mean body lie in its rest pose, to a degree or so; trunk, head and feet are as in the embedded
 human, which stands upright too. Hands and fingers lie flat along the arms' axis, palms down."""
 
+SPINE = {"spine1": 0.21, "spine2": 0.47, "spine3": 0.58}
+"""How high SMPL's spine joints sit between pelvis and neck: it matters how a bend is shared out along the back."""
+
 PELVIS = {"SMPL": (0.0, -0.22, 0.03), "SMPL-X": (0.0, -0.35, 0.01)}
 """Where the pelvis of the published mean bodies rests in their own space, metres, to a centimetre. An archive's path does
 not say where the pelvis is but how far the model is moved, so this is added."""
@@ -84,6 +87,10 @@ def _joints_in_t(gender: float) -> tuple[dict[str, Float[Array, "3"]], dict[str,
         parent = skeleton.parents[joint]
         positions[joint] = positions[parent] + rot.rotate(turns[parent], skeleton.offsets[joint])
     places = {name: positions[skeleton.index(canonical)] for name, canonical in CANONICAL.items()}
+    trunk = np.array([places[name] for name in ("pelvis", *SPINE, "neck")])
+    for name, share in SPINE.items():
+        height = (1.0 - share) * trunk[0, 1] + share * trunk[-1, 1]
+        places[name] = np.array([np.interp(height, trunk[:, 1], trunk[:, axis]) for axis in range(3)])
     ends = {
         name: rot.rotate(turns[skeleton.index(canonical)], skeleton.end_offsets[skeleton.index(canonical)])
         for name, canonical in CANONICAL.items()
