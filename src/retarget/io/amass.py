@@ -6,8 +6,8 @@ moves the whole model. Joint positions are not in the file: the embedded human s
 own model gives them, and a surface with them.
 
 Which way is up is nowhere said. AMASS stands on z = 0 with +Z up, and its archives are known by `mocap_framerate` or
-`mocap_frame_rate`; but others use that key with +Y up. So +Z is stated for such an archive unless the body steadily stands
-along another axis; for that, and for archives without the key, the motion decides (`motion.align`).
+`mocap_frame_rate`; but others use that key with +Y up. So such an archive is taken to have +Z up unless its body stands on
+straight legs along +Y. For archives without the key nothing is stated, and the motion decides (`motion.align`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from retarget.body import rotations as rot
+from retarget.body.kinematics import world_pose
 from retarget.character import Character, Motion
 from retarget.io.asset import Asset, Clip, Convention
 from retarget.io.npz_arrays import Archive
@@ -39,8 +40,12 @@ RATE = (0.1, 10_000.0)
 LONGEST = 1 << 25
 """Values of all rotations of a motion: half an hour of SMPL+H at 120 frames a second."""
 Z_UP_FROM_Y_UP = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
-STEADY, ALONG_AXIS = 0.75, 0.8
-"""A body stands along an axis when the mean of its up direction is this long, and this share of it lies along the axis."""
+STRAIGHT = 0.75
+"""Share of the legs' length from hips to ankles along an axis that a body stands along; crawling and sitting have half."""
+LYING, OFF_THE_FLOOR = 0.4, 0.3
+"""Metres: pelvis of a lying body above the floor, at most; feet away from the floor's height that stand on none."""
+LOOKED_AT = 200
+"""Frames that are looked at for it, about."""
 
 _X = FAMILIES[55].names
 BODY, FACE, LEFT_FINGERS, RIGHT_FINGERS = _X[:22], _X[22:25], _X[25:40], _X[40:]
@@ -99,13 +104,16 @@ def load(archive: Archive, smpl_model: str | Path | None = None) -> Asset:
     if path is None:
         path = np.zeros((frames, 3))
         notes.append("the file holds no path (trans or transl): the body stays in its place")
-    rotations = angles.rotations(character.skeleton.names)
-    up, turned, more = _up(archive, rotations[:, 0])
-    notes += more
-    if turned:
-        character = _stood_up(character)
-    name = archive.path.stem
+    name, rotations = archive.path.stem, angles.rotations(character.skeleton.names)
     motion = Motion(character.skeleton, rotations, (path + pelvis)[:, None], fps, name=name)
+    up = None
+    if archive.first(*MOCAP_RATES) is not None:
+        up = "+y" if _stands_on_y(motion) else "+z"
+    if up == "+y":
+        notes.append("archives with this key for the frame rate have +z up, but the body stands along +y: so that is up")
+    if up == "+z":
+        character = _stood_up(character)
+        motion = replace(motion, skeleton=character.skeleton)
     kind = "motion" if character.skin is None else "character"
     return Asset(
         archive.path, kind, replace(character, name=name), clips=(Clip(name, frames, fps),),
@@ -215,24 +223,31 @@ def _body(archive: Archive, model: SmplModel, family: Family, space: str | None)
 
 def _betas(archive: Archive) -> tuple[Float[Array, "betas"], list[str]]:
     """The shape of the performer; given frame by frame, their mean."""
-    if len(archive.shape("betas")) not in (1, 2) or archive.shape("betas")[0] == 0:
-        raise archive.fail("betas", f"must be a row of numbers, or one a frame; has the shape {archive.shape('betas')}")
+    shape = archive.shape("betas")
+    if len(shape) not in (1, 2) or (len(shape) == 2 and shape[0] == 0):
+        raise archive.fail("betas", f"must be a row of numbers, or one a frame; has the shape {shape}")
     betas = np.atleast_2d(archive.numbers("betas"))
     varies = float(np.ptp(betas, axis=0).max(initial=0.0)) > 1e-6
     return betas.mean(axis=0), ["betas change from frame to frame: their mean is used"] if varies else []
 
 
-def _up(archive: Archive, root: Float[Array, "frames 4"]) -> tuple[str | None, bool, list[str]]:
-    """The up axis that is stated, whether the rest pose is to stand along +Z, and what is doubtful."""
-    if archive.first(*MOCAP_RATES) is None:
-        return None, False, []
-    mean = rot.rotate(root, np.array([0.0, 1.0, 0.0])).mean(axis=0)
-    axis, length = int(np.abs(mean).argmax()), float(np.linalg.norm(mean))
-    steady = length > STEADY and abs(mean[axis]) > ALONG_AXIS * length
-    if steady and (axis != 2 or mean[2] < 0):
-        along = f"{'+' if mean[axis] > 0 else '-'}{'xyz'[axis]}"
-        return None, True, [f"archives with this frame rate key have +z up, but the body stands along {along}; the motion decides"]
-    return "+z", True, []
+def _stands_on_y(motion: Motion) -> bool:
+    """Whether the body stands on straight legs along +Y, on average.
+
+    A body that lies stretched out in an archive with +Z up may do the same: it is known by a pelvis at a lying one's
+    height, with feet away from y = 0.
+    """
+    some = slice(None, None, max(1, len(motion) // LOOKED_AT))
+    few = replace(motion, rotations=motion.rotations[some], translations=motion.translations[some])
+    _, positions = world_pose(few)
+    at = {name: positions[:, joint] for joint, name in enumerate(motion.skeleton.names)}
+    sides = ("left", "right")
+    drops = [at[f"{side}_hip"][:, 1] - at[f"{side}_ankle"][:, 1] for side in sides]
+    bones = [motion.skeleton.offsets[motion.skeleton.index(f"{side}_{end}")] for side in sides for end in ("knee", "ankle")]
+    if np.median(drops) < STRAIGHT * 0.5 * np.linalg.norm(bones, axis=1).sum():
+        return False
+    height, feet = np.median(at["pelvis"][:, 2]), np.median([at[f"{side}_foot"][:, 1] for side in sides])
+    return not (0.0 < height < LYING and abs(feet) > OFF_THE_FLOOR)
 
 
 def _stood_up(character: Character) -> Character:

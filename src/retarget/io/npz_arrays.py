@@ -95,11 +95,12 @@ class Archive:
         entry = self.entries[name]
         if entry.problem or entry.dtype is None or entry.dtype.kind not in "SU" or math.prod(entry.shape) != 1:
             return None
-        try:
-            value = self._read(name).reshape(())[()]
-            return value.decode("ascii") if isinstance(value, bytes) else str(value)
+        wide = "utf-32-be" if entry.dtype.byteorder == ">" else "utf-32-le"
+        try:  # decoded by hand: numpy makes strings of numbers that are no characters, which end the interpreter
+            value = self._read(name).tobytes().decode(wide if entry.dtype.kind == "U" else "ascii").rstrip("\0")
         except ValueError:  # damaged, or no text in a known code
             return None
+        return value if value.isprintable() else None
 
     def fail(self, name: str, problem: str) -> FileError:
         return FileError(self.path, problem, name)
@@ -163,7 +164,7 @@ def _entry(file: zipfile.ZipFile, info: zipfile.ZipInfo, size: int) -> Entry:
     try:
         with file.open(info) as member:
             start = member.read(8)
-            if start[:6] != b"\x93NUMPY" or start[6] not in (1, 2, 3):
+            if start[:6] != b"\x93NUMPY" or start[6:7] not in (b"\x01", b"\x02", b"\x03"):
                 return refused("is no numpy array")
             wide = 2 if start[6] == 1 else 4
             length = int.from_bytes(member.read(wide), "little")
