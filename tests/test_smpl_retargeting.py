@@ -75,7 +75,7 @@ def test_known_angles_put_the_limbs_where_they_say(posed, tmp_path, with_model):
     assert degrees(bone(at, "rightUpperArm"), looks([-c, s, 0])).max() < 10
     # The left forearm is bent forward by 1.4 in the plane of the raised arm: Rz(1.1) Ry(-1.4) x
     assert degrees(bone(at, "leftLowerArm"), looks([np.cos(1.4) * c, np.cos(1.4) * s, np.sin(1.4)])).max() < 8
-    assert degrees(bone(at, "rightLowerArm"), bone(at, "rightUpperArm")).max() < 10
+    assert degrees(bone(at, "rightLowerArm"), bone(at, "rightUpperArm")).max() < 12
     assert degrees(bone(at, "rightUpperLeg"), looks([0, -np.cos(1.0), np.sin(1.0)])).max() < 8
     assert degrees(bone(at, "rightLowerLeg"), looks([0, -np.cos(0.3), -np.sin(0.3)])).max() < 10
     assert degrees(bone(at, "leftLowerLeg"), np.array([0, -1, 0])).max() < 10
