@@ -112,10 +112,12 @@ def test_numbers_that_are_none(tmp_path, value):
 
 
 def test_declared_shapes_must_fit_the_bytes(tmp_path):
-    for shape in (b"(1000000000000, 156)", b"(3,)", b"()"):
+    for shape in (b"(100000, 156)", b"(3,)", b"()"):
         text = b"{'descr': '<f8', 'fortran_order': False, 'shape': " + shape + b", }\n"
         zipped(tmp_path / "a.npz", raw=header(text) + bytes(16))
         assert "does not fit" in refused(tmp_path / "a.npz")
+    zipped(tmp_path / "a.npz", raw=header(text.replace(shape, b"(1000000000000, 156)")) + bytes(16))
+    assert "156000000000000 values" in refused(tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize(
@@ -156,6 +158,12 @@ def test_sizes_are_checked_before_memory_is_taken(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "bomb.npz", poses=np.zeros(100_000))
     monkeypatch.setattr(npz_arrays, "LARGEST", 1 << 19)
     assert "arrays of up to" in refused(tmp_path / "bomb.npz")
+
+
+def test_small_integers_do_not_grow_without_end(tmp_path, monkeypatch):
+    np.savez_compressed(tmp_path / "a.npz", poses=np.zeros(1000, dtype=np.int8))
+    monkeypatch.setattr(npz_arrays, "MOST_VALUES", 999)
+    assert "1000 values" in refused(tmp_path / "a.npz")
 
 
 def test_damage_is_told(tmp_path):

@@ -54,7 +54,7 @@ def _content(archive: Archive) -> Content:
             return content
     held = [name if name.isprintable() else repr(name) for name in archive.entries]
     listed = ", ".join(name[:40] for name in held[:12]) + (", ..." if len(held) > 12 else "") if held else "no arrays"
-    needed = "; ".join(
-        f"for {content.what}: {' or '.join(' with '.join(sign) for sign in content.signs)}" for content in CONTENTS
+    needed = ", ".join(
+        f"{content.what} has {' or '.join(' with '.join(sign) for sign in content.signs)}" for content in CONTENTS
     )
-    raise FileError(archive.path, f"holds {listed}; needed are, {needed}")
+    raise FileError(archive.path, f"holds {listed}, and is none of what is read: {needed}")

@@ -25,6 +25,8 @@ Array = np.ndarray
 
 LARGEST = 1 << 29
 """Bytes of an array that is read: an hour at 120 frames a second, or 800 shape components of SMPL-X."""
+MOST_VALUES = 1 << 26
+"""Values of an array that is read: small integers grow to eight bytes each."""
 LONGEST_HEADER = 10_000
 """Bytes of an array's header."""
 DENSEST = 1040
@@ -181,6 +183,8 @@ def _entry(file: zipfile.ZipFile, info: zipfile.ZipInfo, size: int) -> Entry:
         shape = tuple(int(each.strip(b"L ")) for each in found["shape"].split(b",") if each.strip())
     except (TypeError, ValueError, SyntaxError):
         return refused("has a header that numpy does not write")
+    if math.prod(shape) > MOST_VALUES:
+        return refused(f"declares {math.prod(shape)} values; arrays of up to {MOST_VALUES} are read")
     if dtype.hasobject:
         return refused("holds Python objects (pickled), which are not read since they run code; save plain arrays")
     begin = 8 + wide + length
