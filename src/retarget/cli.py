@@ -12,7 +12,7 @@ from typing import Annotated, Optional
 import typer
 
 from retarget import cli_files
-from retarget.cli_options import File, Json, Unit, Up, Verbose
+from retarget.cli_options import File, Json, SmplModel, Unit, Up, Verbose
 from retarget.cli_options import listen as _listen
 from retarget.cli_options import say as _say
 from retarget.cli_view import report, view
@@ -107,6 +107,7 @@ def run(
     map_file: Annotated[
         Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
     ] = None,
+    smpl_model: SmplModel = None,
     up: Up = None,
     unit: Unit = None,
     target_up: Annotated[Optional[str], typer.Option(help="Up axis of the character.", show_default=False)] = None,
@@ -127,7 +128,7 @@ def run(
         motions=tuple(inputs[:-1]), target=inputs[-1], output=output, clip=clip, all_clips=all_clips, start=start, end=end,
         fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock, "steady": steady},
         animation_only=animation_only, map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
-        contacts=contacts_file, report=show_report, engine=engine,
+        contacts=contacts_file, report=show_report, engine=engine, smpl_model=smpl_model,
     )  # fmt: skip
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
 
@@ -137,11 +138,11 @@ app.command()(cli_files.convert)
 
 
 @app.command()
-def info(file: File, as_json: Json = False) -> None:
+def info(file: File, smpl_model: SmplModel = None, as_json: Json = False) -> None:
     """What a file holds: kind, units, up axis, facing, joints with canonical names and confidence, clips, faults."""
     from retarget.commands import describe
 
-    _say(describe(file), as_json)
+    _say(describe(file, smpl_model), as_json)
 
 
 @app.command("map")
@@ -170,6 +171,7 @@ def contacts(
     map_file: Annotated[
         Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
     ] = None,
+    smpl_model: SmplModel = None,
     up: Up = None,
     unit: Unit = None,
     as_json: Json = False,
@@ -178,7 +180,7 @@ def contacts(
     _listen(False)
     from retarget.commands_contacts import Search, find_contacts
 
-    _say(find_contacts(Search(source, output, clip, start, end, map_file, up, unit)), as_json)
+    _say(find_contacts(Search(source, output, clip, start, end, map_file, up, unit, smpl_model)), as_json)
 
 
 @app.command()
@@ -255,11 +257,12 @@ def picture(
     clip: Annotated[
         Optional[str], typer.Option(help="Name of the clip (the last one if not given).", show_default=False)
     ] = None,
+    smpl_model: SmplModel = None,
 ) -> None:
     """Draw frames side by side, several files as rows."""
     from retarget.commands import draw
 
-    _say(draw(files, output, frames, size, view, clip), False)
+    _say(draw(files, output, frames, size, view, clip, smpl_model), False)
 
 
 @app.command("evaluate", epilog="\n\n".join(f"{key}: {FORMULAS[key]}." for key in REPORTED))
@@ -294,6 +297,7 @@ def evaluate_(
     map_file: Annotated[
         Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
     ] = None,
+    smpl_model: SmplModel = None,
     up: Up = None,
     unit: Unit = None,
     as_json: Json = False,
@@ -303,7 +307,7 @@ def evaluate_(
     from retarget.commands_evaluate import Question, evaluate_files
 
     question = Question(
-        result, source, truth, output, clip, source_clip, truth_clip, start, end, fps, map_file, up, unit
+        result, source, truth, output, clip, source_clip, truth_clip, start, end, fps, map_file, up, unit, smpl_model
     )
     _say(evaluate_files(question, progress=sys.stderr.isatty() and not as_json), as_json)
 

@@ -18,6 +18,10 @@ Up = Annotated[
 Unit = Annotated[
     Optional[float], typer.Option(help="Metres per unit of the source (inferred if not given).", show_default=False)
 ]
+SmplModel = Annotated[
+    Optional[Path],
+    typer.Option("--smpl-model", help="Your SMPL, SMPL+H or SMPL-X model (.npz): the body of .npz motions.", show_default=False),
+]
 
 
 def listen(verbose: bool) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from retarget.cli_options import Json, Unit, Up, listen, say
+from retarget.cli_options import Json, SmplModel, Unit, Up, listen, say
 
 Clip = Annotated[
     Optional[str],
@@ -36,6 +36,7 @@ def view(
     start: Start = None,
     end: End = None,
     map_file: MapFile = None,
+    smpl_model: SmplModel = None,
     up: Up = None,
     unit: Unit = None,
     port: Annotated[
@@ -48,7 +49,7 @@ def view(
     listen(False)
     from retarget.commands_view import Showing, view_files
 
-    showing = Showing(result, tuple(sources or ()), clip, source_clip, start, end, map_file, up, unit)
+    showing = Showing(result, tuple(sources or ()), clip, source_clip, start, end, map_file, up, unit, smpl_model)
     view_files(showing, port, browser, progress=sys.stderr.isatty())
 
 
@@ -64,6 +65,7 @@ def report(
     start: Start = None,
     end: End = None,
     map_file: MapFile = None,
+    smpl_model: SmplModel = None,
     up: Up = None,
     unit: Unit = None,
     as_json: Json = False,
@@ -73,5 +75,5 @@ def report(
     from retarget.commands_view import Showing, write_report
 
     sources = () if source is None else (source,)
-    showing = Showing(result, sources, clip, source_clip, start, end, map_file, up, unit)
+    showing = Showing(result, sources, clip, source_clip, start, end, map_file, up, unit, smpl_model)
     say(write_report(showing, output, progress=sys.stderr.isatty() and not as_json), as_json)

@@ -44,6 +44,7 @@ class Order:
     target_up: str | None = None
     target_unit: float | None = None
     contacts: Path | None = None
+    smpl_model: Path | None = None
     report: bool = False
     engine: str | None = None
     """The program that the results go to: a key of `io.presets.PRESETS`."""
@@ -68,12 +69,16 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
         from retarget.contact.contact_file import read_contacts
 
         settings["contacts"] = read_contacts(order.contacts)
+    if order.smpl_model is not None and not any(file.suffix.lower() == ".npz" for file in files):
+        raise RetargetError(f"--smpl-model {order.smpl_model} is for motions in .npz, and none is given")
     target = cast(order.target, target_hints)
     done, waiting = [], []
     with progress_line(progress, len(files)) as tell:
         for number, file in enumerate(files):
             tell(f"reading {file.name}")
-            asset = load(file)
+            asset = load(file, smpl_model=order.smpl_model if file.suffix.lower() == ".npz" else None)
+            for note in asset.notes:
+                log.info("%s: %s", file, note)
             for clip in _wanted_clips(asset, order):
                 tell(f"retargeting {file.stem}")
                 motion = _trimmed(asset.motion(clip), order)
@@ -216,9 +221,9 @@ def correction_lines(stats: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {note}"
 
 
-def describe(path: Path) -> dict[str, Any]:
+def describe(path: Path, smpl_model: Path | None = None) -> dict[str, Any]:
     """What a file holds and what is inferred of it."""
-    asset = load(path)
+    asset = load(path, smpl_model=smpl_model)
     report: dict[str, Any] = {
         "file": str(path),
         "kind": asset.kind,
@@ -352,14 +357,18 @@ def list_motions() -> dict[str, Any]:
     return {"lines": [f"{clip.name:28} {clip.seconds:.1f} s, {len(clip)} frames at {clip.fps:g} fps" for clip in clips]}
 
 
-def draw(files: list[Path], output: Path, frames: int, size: int, view: str, clip: str | None) -> dict[str, Any]:
+def draw(
+    files: list[Path], output: Path, frames: int, size: int, view: str, clip: str | None, smpl_model: Path | None = None
+) -> dict[str, Any]:
     """Write a picture sheet, one row a file."""
     from retarget.view.picture import save_png, sheet
     from retarget.view.rows import file_row
 
     if output.suffix.lower() != ".png":
         raise FileError(output, "pictures are written as .png")
-    image = sheet([file_row(path, frames, clip) for path in files], size=size, view=_direction(view))
+    models = [smpl_model if path.suffix.lower() == ".npz" else None for path in files]
+    rows = [file_row(path, frames, clip, model) for path, model in zip(files, models)]
+    image = sheet(rows, size=size, view=_direction(view))
     save_png(output, image)
     return {"lines": [f"{output}: {image.shape[1]} x {image.shape[0]} pixels"]}
 

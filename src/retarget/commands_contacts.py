@@ -38,6 +38,7 @@ class Search:
     map_file: Path | None = None
     up: str | None = None
     unit: float | None = None
+    smpl_model: Path | None = None
 
 
 def find_contacts(search: Search) -> dict[str, Any]:
@@ -51,7 +52,7 @@ def find_contacts(search: Search) -> dict[str, Any]:
         from retarget.correspond.map_file import read_map
 
         joints = read_map(search.map_file)["source"] or None
-    asset = load(search.source)
+    asset = load(search.source, smpl_model=search.smpl_model)
     if search.clip is None and len(asset.clips) > 1:
         first = asset.clips[0].name
         log.warning("%s holds %d clips; taking the first, %r (--clip NAME to choose)", asset.path, len(asset.clips), first)

@@ -39,6 +39,8 @@ class Question:
     up: str | None = None
     unit: float | None = None
     """What is known of the source's file."""
+    smpl_model: Path | None = None
+    """The body of a source in .npz."""
 
 
 ROWS: tuple[tuple[str, tuple[tuple[str, str, str, float], ...]], ...] = (
@@ -118,7 +120,7 @@ def _check_picture(path: Path) -> None:
 
 def takes_of(question: Question) -> tuple[dict[str, Take], dict[str, str], list[str]]:
     """Result, source and truth in metres, the names of their clips, and what was chosen for the user."""
-    assets = {"result": load(question.result), "source": load(question.source)}
+    assets = {"result": load(question.result), "source": load(question.source, smpl_model=question.smpl_model)}
     if question.truth is not None:
         assets["truth"] = load(question.truth)
     numbers, notes = _choose_clips(assets, question)

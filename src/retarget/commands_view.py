@@ -41,12 +41,15 @@ class Showing:
     up: str | None = None
     unit: float | None = None
     """What is known of the sources' files."""
+    smpl_model: Path | None = None
+    """The body of sources in .npz."""
 
     def question(self, source: Path) -> Question:
         """The same of one source, as `retarget evaluate` asks it."""
         return Question(
             self.result, source, clip=self.clip, source_clip=self.source_clip, start=self.start, end=self.end,
             map_file=self.map_file, up=self.up, unit=self.unit,
+            smpl_model=self.smpl_model if source.suffix.lower() == ".npz" else None,
         )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ READERS = {
     ".fbx": "retarget.io.fbx",
     ".glb": "retarget.io.gltf",
     ".gltf": "retarget.io.gltf",
+    ".npz": "retarget.io.npz",
     ".obj": "retarget.io.obj_ply",
     ".ply": "retarget.io.obj_ply",
     ".usd": "retarget.io.usd",
@@ -25,7 +26,7 @@ READERS = {
     ".usdz": "retarget.io.usd",
     ".vrm": "retarget.io.gltf",
 }
-MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz", ".vrm")
+MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".npz", ".usd", ".usda", ".usdc", ".usdz", ".vrm")
 """Formats that can hold animation."""
 WRITERS = {
     ".bvh": "retarget.io.bvh",
@@ -45,20 +46,28 @@ THROUGH_BLENDER = (".fbx", ".abc")
 """Those that Blender writes, where there is one."""
 
 
-def load(path: str | Path) -> Asset:
-    """Read any supported file. Raises `FileError` naming the file, the place and the cure."""
+def load(path: str | Path, *, smpl_model: str | Path | None = None) -> Asset:
+    """Read any supported file. Raises `FileError` naming the file, the place and the cure.
+
+    `smpl_model` is the body that performs an SMPL-family motion (.npz): the user's own model file.
+    """
     path = Path(path)
     suffix = path.suffix.lower()
     if not path.exists():
         raise FileError(path, "no such file")
+    if smpl_model is not None and suffix != ".npz":
+        raise FileError(path, "an SMPL model is given for motions in .npz only")
     if path.is_dir():
         return importlib.import_module("retarget.io.mesh_folder").load(path)
+    if suffix in (".pkl", ".pickle"):
+        raise FileError(path, "pickles are not read, since they run code; save what it holds as .npz (numpy.savez)")
     if suffix not in READERS:
         raise FileError(path, f"unknown suffix {suffix!r}; supported: {' '.join(sorted(READERS))}")
     if not path.is_file():
         raise FileError(path, "is not a file")
+    options = {} if smpl_model is None else {"smpl_model": smpl_model}
     try:
-        return importlib.import_module(READERS[suffix]).load(path)
+        return importlib.import_module(READERS[suffix]).load(path, **options)
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     except FileError:

@@ -17,10 +17,10 @@ from retarget.retargeting import cast
 from retarget.view.picture import Row, choose_frames, skeleton_mesh
 
 
-def file_row(path: Path, columns: int, clip: str | None = None) -> Row:
+def file_row(path: Path, columns: int, clip: str | None = None, smpl_model: Path | None = None) -> Row:
     """One row for a file: its frames spread evenly over the clip; if none is named that which the file plays, else
     the last, since appended animations stand last. Files in other units or axes are shown upright and in metres where the body is recognised."""
-    asset = load(path)
+    asset = load(path, smpl_model=smpl_model)
     if asset.mesh is not None:
         return Row(path.stem, asset.mesh, asset.mesh.vertices[None])
     if asset.sequence is not None:

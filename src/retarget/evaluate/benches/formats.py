@@ -188,7 +188,7 @@ def _from_blender(path: Path, asset, python: str, folder: Path) -> float | None:
 def _damage(folder: Path, quick: bool, tell: Tell) -> Iterator[tuple[str, Outcomes]]:
     """What damaged files of every format come to."""
     body, motion = embedded_actor("child").character, cut(embedded_motion("wave"), 0.0, 0.2)
-    for suffix in (".bvh", ".glb", ".gltf", ".vrm", ".obj", ".ply", *SLOW):
+    for suffix in (".bvh", ".glb", ".gltf", ".vrm", ".npz", ".obj", ".ply", *SLOW):
         own = folder / f"damaged{suffix[1:]}"
         own.mkdir()
         seed = own / f"seed{suffix}"  # with what lies beside it
@@ -198,6 +198,8 @@ def _damage(folder: Path, quick: bool, tell: Tell) -> Iterator[tuple[str, Outcom
                 save_surface(seed, body.mesh)
             elif suffix == ".vrm":
                 seed = _avatar(own)
+            elif suffix == ".npz":
+                np.savez(seed, poses=np.full((6, 156), 0.1), trans=np.zeros((6, 3)), gender="male", mocap_framerate=30.0)
             else:
                 save(seed, body, [motion])
         except RetargetError:  # a program that writes it is not at hand: a real file, or none
