@@ -164,7 +164,7 @@ def test_surfaces_and_clouds(made, tmp_path, command):
         (["two.glb", "nowhere/o.glb"], "the folder nowhere does not exist"),
         (["two.glb", "two.glb/{clip}.bvh"], "cannot be made a folder: File exists"),
         (["two.glb", "o.xyz"], "cannot write '.xyz'; use .bvh"),
-        (["two.glb", "o"], "cannot write 'a file without suffix'"),
+        (["two.glb", "o"], "holds 2 clips ('one', 'two'), a mesh sequence one; choose one with --clip NAME"),
         (["two.glb", "o.obj"], "is for still surfaces, but two.glb holds an animated body"),
         (["still.glb", "o.ply"], "is for still surfaces, but still.glb holds a body with a skeleton"),
         (["bare.obj", "o.glb"], "bare.obj holds a mesh without skeleton, which is written as .obj or .ply; a .glb needs a skeleton"),

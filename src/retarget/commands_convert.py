@@ -9,6 +9,7 @@ from typing import Any
 
 from retarget.body import rotations as rot
 from retarget.character import Motion
+from retarget.commands_sequence import SEQUENCE_SUFFIXES, convert_sequence
 from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import WRITTEN_SUFFIXES, load, save
 from retarget.io.asset import Asset
@@ -45,10 +46,11 @@ def convert_file(order: Conversion) -> dict[str, Any]:
     output = order.output
     if EACH in str(output.parent):
         raise FileError(output, f"{EACH} stands in the name of a file, not of a folder")
+    sequence = output.suffix.lower() in SEQUENCE_SUFFIXES and EACH not in output.name
     if output.is_dir():
         raise FileError(output, f"is a folder; name a file in it, or {output / EACH}.bvh for a file each clip")
-    if output.suffix.lower() not in (*WRITTEN_SUFFIXES, *SURFACE_SUFFIXES):
-        forms = f"{', '.join(WRITTEN_SUFFIXES)}, or {' or '.join(SURFACE_SUFFIXES)} for a still surface"
+    if output.suffix.lower() not in (*WRITTEN_SUFFIXES, *SURFACE_SUFFIXES) and not sequence:
+        forms = f"{', '.join(WRITTEN_SUFFIXES)}, {' or '.join(SURFACE_SUFFIXES)} for a still surface, .npz or a new folder for a moving one"
         raise FileError(output, f"cannot write {output.suffix or 'a file without suffix'!r}; use {forms}")
     if not output.parent.is_dir() and EACH not in output.name:
         raise FileError(output, f"the folder {output.parent} does not exist")
@@ -58,6 +60,10 @@ def convert_file(order: Conversion) -> dict[str, Any]:
     if order.unit is not None and not 0 < order.unit < float("inf"):
         raise RetargetError(f"unit must be positive metres per unit, received {order.unit:g}")
     asset = load(order.file)
+    if sequence or asset.sequence is not None:
+        space, notes = _space(asset, order, keep=asset.sequence is None or output.suffix.lower() not in (".glb", ".gltf"))
+        moving, size = convert_sequence(asset, output, order.clip, order.fps, space)
+        return _report(asset, [(output, [(moving.name, len(moving), moving.fps)])], [*asset.notes, *notes], size)
     _expect_fitting(asset, output)
     if asset.character is None:
         return _convert_surface(asset, order)

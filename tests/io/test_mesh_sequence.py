@@ -27,7 +27,7 @@ def quad(frames=12):
     return MeshMotion(mesh, mesh.vertices + lift * np.arange(4)[:, None], 25.0, "lift")
 
 
-@pytest.mark.parametrize("name", ["wave.glb", "wave.gltf", "wave"])
+@pytest.mark.parametrize("name", ["wave.glb", "wave.gltf", "wave.npz", "wave"])
 def test_what_is_written_comes_back(tmp_path, name):
     moving = waving()
     save_sequence(tmp_path / name, moving)
@@ -118,7 +118,7 @@ def test_what_cannot_be_written(tmp_path):
     from retarget.io.gltf_morph import save_sequence as save_gltf
     from retarget.io.mesh_folder import save as save_folder
 
-    with pytest.raises(FileError, match=r"written as .glb, .gltf or a folder, not as '.obj'"):
+    with pytest.raises(FileError, match=r"written as .glb, .gltf, .npz or a folder, not as '.obj'"):
         save_sequence(tmp_path / "a.obj", quad())
     with pytest.raises(FileError, match=r"frames are written as .obj or .ply"):
         save_folder(tmp_path / "a", quad(), ".stl")
@@ -162,3 +162,30 @@ def test_step_and_spline_keys(tmp_path):
     text["animations"][0]["samplers"][0]["interpolation"] = "STEP"
     (tmp_path / "lift.gltf").write_text(json.dumps(text))
     assert np.abs(load(tmp_path / "lift.gltf").sequence.vertices - moving.vertices).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        ({"vertices": np.zeros((3, 4))}, r"must have the shape \(frames, vertices, 3\), received \(3, 4\)"),
+        ({"vertices": np.zeros((0, 4, 3))}, "must have the shape"),
+        ({"faces": np.zeros((2, 4), np.int64)}, r"must have the shape \(faces, 3\)"),
+        ({"faces": np.array([[0, 1, 4]])}, "names vertices from 0 to 4; there are 4"),
+        ({"fps": np.array([30.0, 30.0])}, "must be one positive number"),
+        ({"fps": np.array(0.0)}, "must be one positive number"),
+        ({"vertices": np.full((2, 4, 3), np.nan)}, "finite"),
+    ],
+)
+def test_faulty_archives_are_told(tmp_path, arrays, said):
+    whole = {"vertices": np.zeros((2, 4, 3)), "faces": np.array([[0, 1, 2]]), "fps": np.array(30.0)}
+    np.savez(tmp_path / "a.npz", **(whole | arrays))
+    with pytest.raises(FileError, match=said):
+        load(tmp_path / "a.npz")
+
+
+def test_an_archive_without_a_rate_says_so_and_is_the_same_every_time(tmp_path):
+    np.savez(tmp_path / "a.npz", vertices=np.zeros((2, 4, 3)), faces=np.array([[0, 1, 2]]))
+    assert any("states no frame rate" in note for note in load(tmp_path / "a.npz").notes)
+    for name in ("b.npz", "c.npz"):
+        save_sequence(tmp_path / name, quad())
+    assert (tmp_path / "b.npz").read_bytes() == (tmp_path / "c.npz").read_bytes()

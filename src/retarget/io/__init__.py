@@ -103,17 +103,20 @@ def save(
 
 
 def save_sequence(path: str | Path, motion: MeshMotion) -> None:
-    """Write a mesh sequence as glTF (.glb, .gltf; frames as morph targets), or as a folder of PLY files (no suffix).
+    """Write a mesh sequence as glTF (.glb, .gltf; frames as morph targets), as an archive (.npz), or as a folder of PLY files
+    (no suffix).
 
     The file, or folder, appears whole or not at all. Raises `FileError` for other suffixes and where it cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() in (".glb", ".gltf"):
         importlib.import_module("retarget.io.gltf_morph").save_sequence(path, motion)
+    elif path.suffix.lower() == ".npz":
+        importlib.import_module("retarget.io.npz_sequence").save(path, motion)
     elif not path.suffix:
         importlib.import_module("retarget.io.mesh_folder").save(path, motion)
     else:
-        raise FileError(path, f"a mesh sequence is written as .glb, .gltf or a folder, not as {path.suffix!r}")
+        raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, not as {path.suffix!r}")
 
 
 def check_output(path: str | Path) -> None:

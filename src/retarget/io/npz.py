@@ -1,4 +1,4 @@
-"""What an .npz file is, told by the names of its arrays: a motion or a model of the SMPL family."""
+"""What an .npz file is, told by the names of its arrays: a motion or a model of the SMPL family, or a mesh sequence."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ CONTENTS = (
         (("poses",), ("root_orient", "pose_body"), ("global_orient", "body_pose")),
         "retarget.io.amass",
     ),
+    Content("a mesh sequence", (("vertices", "faces"),), "retarget.io.npz_sequence"),
 )
 """The first that fits decides."""
 
