@@ -1,8 +1,8 @@
 """Animations of a UsdSkel skeleton as animations of a GLB: the one it is bound to first, then all others that know its
 joints. Runs in the child.
 
-Where all samples lie on whole time codes, and a code is a plausible frame, every code of the clip becomes a key; else the
-samples themselves do. USD interpolates between samples as glTF does (linearly, rotations on the sphere).
+Where all samples lie on whole time codes, and a code is a plausible frame, every code of the clip becomes a key; else
+the samples themselves do. USD interpolates between samples as glTF does (linearly, rotations on the sphere).
 """
 
 from __future__ import annotations
@@ -164,10 +164,10 @@ def _write(glb: Glb, take: Take) -> None:
     if not take.channels:
         return
     clock = glb.add(((take.codes - take.codes[0]) / take.rate).astype(np.float32), "SCALAR", FLOAT, bounds=True)
-    samplers = [{"input": clock, "output": glb.add(values.astype(np.float32), kind, FLOAT)} for _, _, kind, values in take.channels]
-    channels = [
-        {"sampler": number, "target": {"node": node, "path": path}} for number, (node, path, _, _) in enumerate(take.channels)
-    ]
+    samplers, channels = [], []
+    for node, path, kind, values in take.channels:
+        channels.append({"sampler": len(samplers), "target": {"node": node, "path": path}})
+        samplers.append({"input": clock, "output": glb.add(values.astype(np.float32), kind, FLOAT)})
     glb.append("animations", {"name": take.name, "samplers": samplers, "channels": channels})
 
 
