@@ -2,8 +2,8 @@
 
 usd-core is the optional extra `usd`. It is a large native parser, and fetches by itself what a file refers to; so
 `usd_child.py` runs under limits of memory and time, opens nothing outside the file's folder, and writes a GLB. From
-there on one reader interprets bind poses, scales, clips and weights. What is written is the stage that was read, with the new
-animation in it, or a new one (`usd_write.py`).
+there on one reader interprets bind poses, scales, clips and weights. What is written is the stage that was read, with
+the new animation in it, or a new one (`usd_write.py`).
 """
 
 from __future__ import annotations

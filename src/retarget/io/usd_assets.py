@@ -73,7 +73,7 @@ class Assets:
 
 
 def read_asset(path: str, inner: str) -> bytes | None:
-    """A file, or a file inside a package; None where it is not there, too large, or compressed, as no package may be."""
+    """A file, or one inside a package; None where it is not there, too large, or compressed, as no package may be."""
     size = os.path.getsize(path)
     if size > LARGEST_FILE:
         return None

@@ -111,7 +111,7 @@ def choose_skeleton(prims: list[Any], notes: list[str]) -> tuple[Any, list[Any]]
 
 
 def read_bones(prim: Any, notes: list[str]) -> Bones:
-    """Joints and their transforms. Raises `Refused` for a skeleton without joints, or with matrices that fit no joint."""
+    """Joints and their transforms. Raises `Refused` for a skeleton without joints, or with matrices that fit none."""
     tokens = [str(token) for token in prim.GetAttribute("joints").Get() or ()]
     path = prim.GetPath()
     if not tokens or len(tokens) > MOST_JOINTS:

@@ -33,7 +33,10 @@ class Take:
 
 
 def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[str]) -> str | None:
-    """All animations of the skeleton `bones`; returns the name of the one it is bound to, which comes first. Raises `Refused` for values that are no transforms, or more than anyone made."""
+    """All animations of the skeleton `bones`; returns the name of the one it is bound to, which comes first.
+
+    Raises `Refused` for values that are no transforms, or more than anyone made.
+    """
     bound = bound_animation(bones.prim)
     carried = _moving_codes(bones.prim)
     names: set[str] = set()
@@ -41,7 +44,8 @@ def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[st
     for prim in _animations(prims, bound, bones):
         own = prim.GetPath() == bound
         samples = [_samples(prim, name) for name, _, _ in PARTS] + ([carried] if own else [])
-        take = _take(stage, _free(prim.GetDisplayName() or prim.GetName(), names), np.unique(np.concatenate(samples)), own)
+        name = _free(prim.GetDisplayName() or prim.GetName(), names)
+        take = _take(stage, name, np.unique(np.concatenate(samples)), own)
         keys += _checked_keys(take, bones, keys)
         _add_joints(take, prim, bones, glb, notes)
         plays = take.name if own else plays

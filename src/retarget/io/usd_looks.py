@@ -20,7 +20,8 @@ from retarget.io.usd_layers import is_inside
 
 GREY = (0.8, 0.8, 0.8)
 LEFT_OUT = (
-    "textures are left out where a point has several coordinates, or the picture is no PNG or JPEG inside the file's folder"
+    "textures are left out where a point has several coordinates, "
+    "or the picture is no PNG or JPEG inside the file's folder"
 )
 PICTURES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 
@@ -43,8 +44,8 @@ class Looks:
     def of_faces(
         self, mesh: Any, faces: int, corners: np.ndarray, points: int
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """The GLB's material of each face (the mesh's, or that of the subset it lies in), and texture coordinates of the
-        points where a picture is shown. Raises `Refused` for a subset with other faces than the mesh has."""
+        """The GLB's material of each face (the mesh's, or that of the subset it lies in), and texture coordinates of
+        the points where a picture is shown. Raises `Refused` for a subset with other faces than the mesh has."""
         from pxr import UsdGeom, UsdShade
 
         uvs: dict[str, np.ndarray | None] = {}

@@ -137,7 +137,7 @@ def _geometry(glb: Glb, prim: Any, looks: Looks) -> tuple[np.ndarray, np.ndarray
 
 
 def fan_triangles(counts: np.ndarray, first: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of polygons, as fans from their first corners, and the polygon of each; in the order of the polygons."""
+    """Triangles of polygons, as fans from their first corners, and the polygon of each; in the polygons' order."""
     each = np.maximum(counts - 2, 0)
     owners = np.repeat(np.arange(len(counts)), each)
     step = np.arange(len(owners)) - np.repeat(np.cumsum(each) - each, each)
