@@ -27,8 +27,12 @@ def in_plain_words(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     try:
         return work()
     except Tf.ErrorException as error:
-        told = re.findall(r" : '(.*?)'\s*(?=Error in |$)", str(error), re.DOTALL)
-        raise ValueError(re.sub(r"\S*/(?=[^/\s]+:\d)", "", told[-1]) if told else str(error)) from None
+        try:
+            text = str(error)
+        except UnicodeDecodeError:  # it quotes what is no text
+            raise ValueError("it holds bytes that are no text where text is expected") from None
+        told = re.findall(r" : '(.*?)'\s*(?=Error in |$)", text, re.DOTALL)
+        raise ValueError(re.sub(r"\S*/(?=[^/\s]+:\d)", "", told[-1]) if told else text) from None
 
 
 def open_stage(source: str) -> tuple[Any, list[str], bool]:
