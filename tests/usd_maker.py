@@ -5,6 +5,15 @@ from gltf_maker import tube, turn
 
 TOKENS = ["hips", "hips/spine", "hips/spine/head"]
 HEIGHTS = [0.0, 0.7, 1.4]
+LOOK = """def Material "Red" { token outputs:surface.connect = </Man/Red/S.outputs:surface>
+ color3f inputs:tint = (0.9, 0.1, 0.2)
+ def Shader "S" { uniform token info:id = "UsdPreviewSurface"
+  color3f inputs:diffuseColor.connect = </Man/Red.inputs:tint>
+  float inputs:opacity = 0.5
+  token outputs:surface
+ }
+}
+"""
 
 
 def rows(matrix):

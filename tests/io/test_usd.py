@@ -5,8 +5,8 @@ import sys
 
 import numpy as np
 import pytest
-from gltf_maker import tube
-from usd_maker import animation, man, skeleton, stage, tube_mesh
+from gltf_maker import PNG, tube
+from usd_maker import LOOK, animation, man, skeleton, stage, tube_mesh, tuples
 
 from retarget.body.kinematics import rest_pose, world_pose
 from retarget.body.skinning import prepare_skinning, rest_vertices
@@ -137,17 +137,6 @@ def test_rest_and_bind_stand_in_for_each_other(written):
         assert rest_vertices(asset.character) == pytest.approx(tube()[0], abs=1e-6)
 
 
-LOOK = """def Material "Red" { token outputs:surface.connect = </Man/Red/S.outputs:surface>
- color3f inputs:tint = (0.9, 0.1, 0.2)
- def Shader "S" { uniform token info:id = "UsdPreviewSurface"
-  color3f inputs:diffuseColor.connect = </Man/Red.inputs:tint>
-  float inputs:opacity = 0.5
-  token outputs:surface
- }
-}
-"""
-
-
 def test_colours_of_materials_subsets_and_the_display(written):
     subset = """def GeomSubset "Part" ( prepend apiSchemas = ["MaterialBindingAPI"] ) { uniform token elementType = "face"
  uniform token familyName = "materialBind"
@@ -164,6 +153,45 @@ def test_colours_of_materials_subsets_and_the_display(written):
     assert mesh.materials[0].double_sided
     whole = load(written(stage(LOOK, skeleton(inside=animation()), tube_mesh(extra="rel material:binding = </Man/Red>"))))
     assert {look.name for look in whole.character.mesh.materials} == {"Red"}
+
+
+PICTURED = """def Material "Worn" { token outputs:surface.connect = </Man/Worn/S.outputs:surface>
+ def Shader "S" { uniform token info:id = "UsdPreviewSurface"
+  color3f inputs:diffuseColor.connect = </Man/Worn/P.outputs:rgb>
+  token outputs:surface
+ }
+ def Shader "P" { uniform token info:id = "UsdUVTexture"
+  asset inputs:file = @%s@
+  float4 inputs:scale = (1, 0.5, 0.25, 1)
+  float2 inputs:st.connect = </Man/Worn/R.outputs:result>
+  color3f outputs:rgb
+ }
+ def Shader "R" { uniform token info:id = "UsdPrimvarReader_float2"
+  string inputs:varname = "map1"
+  float2 outputs:result
+ }
+}
+"""
+
+
+def test_a_picture_comes_with_its_coordinates(written, tmp_path):
+    (tmp_path / "skin.png").write_bytes(PNG)
+    (tmp_path.parent / "away.png").write_bytes(PNG)
+    points, faces, _ = tube()
+
+    def mesh(file, values, kind):
+        uvs = f'texCoord2f[] primvars:map1 = {tuples(values)} ( interpolation = "{kind}" )\nrel material:binding = </Man/Worn>'
+        return load(written(stage(PICTURED % file, skeleton(inside=animation()), tube_mesh(extra=uvs))))
+
+    corners = points[faces.ravel(), :2]
+    for values, kind in ((points[:, :2], "vertex"), (corners, "faceVarying")):
+        worn = mesh("./skin.png", values, kind).character.mesh
+        assert worn.materials[0].image == PNG and worn.materials[0].base_color == pytest.approx((1, 0.5, 0.25, 1))
+        assert worn.uvs == pytest.approx(np.stack([points[:, 0], 1 - points[:, 1]], axis=1), abs=1e-6)
+    torn = corners.copy()
+    torn[0] += 1
+    for asset in (mesh("./skin.png", torn, "faceVarying"), mesh("../away.png", corners, "faceVarying"), mesh("./man.usda", corners, "faceVarying")):
+        assert asset.character.mesh.materials[0].image is None and any("textures are left out" in note for note in asset.notes)
 
 
 def test_hidden_meshes_guides_and_other_skeletons_are_left_out_with_a_note(written):

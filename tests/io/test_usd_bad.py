@@ -32,6 +32,10 @@ def test_the_line_of_a_mistake_is_told_without_usds_own_source(tmp_path):
     assert "pxr" not in told and "textParser" not in told
 
 
+def test_a_mistake_that_cannot_be_quoted_is_told_too(tmp_path):
+    refused(tmp_path, man().encode().replace(b"def Mesh", b"d\xc0f Mesh"), "bytes that are no text")
+
+
 SKELETON, MESH = skeleton(inside=animation()), tube_mesh()
 MATRIX = "uniform matrix4d[] bindTransforms = [( (1, 0, 0, 0)"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from file_faults import mutated
-from usd_maker import animation, man, skeleton, stage, tube_mesh
+from usd_maker import LOOK, animation, skeleton, stage, tube_mesh
 
 from retarget.errors import RetargetError
 from retarget.io import gltf, load
@@ -27,7 +27,7 @@ WORDS = [b"skel:joints", b"1e400", b"[]", b"None", b"</Man>", b"int", b"elementS
 def seeds(tmp_path, suffix):
     from pxr import Sdf, UsdUtils
 
-    plain = man(up="Z", unit="0.01")
+    plain = stage(LOOK, skeleton(inside=animation()), tube_mesh(extra="rel material:binding = </Man/Red>"), up="Z", unit="0.01")
     rich = stage(skeleton(inside=animation() + animation("other", joints=(0, 1, 2)), posed=20), tube_mesh(), tube_mesh("Twin", quads=True))
     if suffix == "usda":
         return [plain.encode(), rich.encode()]

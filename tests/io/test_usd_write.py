@@ -206,6 +206,8 @@ def test_a_picture_of_ours_goes_into_the_package_only(tube_glb, tmp_path):
     save(tmp_path / "out.usdz", tube_glb.character, [])
     with zipfile.ZipFile(tmp_path / "out.usdz") as package:
         assert package.namelist() == ["out.usdc", "textures/0_skin.png"] and package.read("textures/0_skin.png") == PNG
+    again, ours = load(tmp_path / "out.usdz").character.mesh, tube_glb.character.mesh
+    assert [look.image for look in again.materials].count(PNG) == 1 and again.uvs == pytest.approx(ours.uvs, abs=1e-6)
     save(tmp_path / "out.usda", tube_glb.character, [])
     assert "png" not in (tmp_path / "out.usda").read_text() and [path.name for path in tmp_path.glob("*.png")] == []
 

@@ -23,7 +23,9 @@ MEMORY = 4 << 30
 LARGEST_FILE = 2 << 30
 """Bytes of any file that a child may write."""
 PACKAGES = Path(__file__).resolve().parents[2]
-START = "import sys; sys.path.insert(0, sys.argv[1]); from importlib import import_module as i; i(sys.argv[2]).main(*sys.argv[3:])"
+START = (
+    "import importlib, sys; sys.path.insert(0, sys.argv[1]); importlib.import_module(sys.argv[2]).main(*sys.argv[3:])"
+)
 STEERING = ("PXR_", "USD_", "TF_", "AR_", "SDF_", "PCP_")
 """Beginnings of environment variables by which USD could be led to other folders, plugins and files."""
 

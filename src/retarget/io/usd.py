@@ -1,9 +1,9 @@
 """USD (.usd, .usda, .usdc, .usdz), read by usd-core in a process of its own and taken as the glTF it would be.
 
 usd-core is the optional extra `usd`. It is a large native parser, and fetches by itself what a file refers to; so
-`usd_child.py` runs under limits of memory and time, opens nothing outside the file's folder, and writes a GLB. From there
-on one reader interprets bind poses, scales, clips and weights. What is written is the stage that was read, with the new
-animation in it, or a new one (`usd_write.py`).
+`usd_child.py` runs under limits of memory and time, opens nothing outside the file's folder, and writes a GLB. From
+there on one reader interprets bind poses, scales, clips and weights. What is written is the stage that was read, with
+the new animation in it, or a new one (`usd_write.py`).
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class UsdOrigin(GltfOrigin):
 def load(path: str | Path) -> Asset:
     """Read a USD file: the skeleton that moves most, its meshes with base colours, its animations by name.
 
-    Units and axes are the file's own, brought to metres with +Y up; a file that states no unit is in centimetres, as the
-    format says. Textures, blend shapes and meshes that no skeleton moves are left out, with a note. Raises `FileError` for
+    Units and axes are the file's own, brought to metres with +Y up; a file that states no unit is in centimetres, as
+    the format says. Blend shapes and meshes that no skeleton moves are left out, with a note. Raises `FileError` for
     what cannot be read, is too large, takes too long, or refers to layers outside its folder.
     """
     path = Path(path)

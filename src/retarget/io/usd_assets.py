@@ -9,6 +9,7 @@ import zlib
 from typing import Any
 
 from retarget.io.child_process import LARGEST_FILE
+from retarget.io.usd_layers import home_of, is_inside
 
 PACKED = (".png", ".jpg", ".jpeg", ".exr", ".avif", ".m4a", ".mp3", ".wav")
 """Suffixes that a package may hold beside USD (usdz specification)."""
@@ -35,12 +36,13 @@ class Assets:
         return name
 
     def move(self, layer: Any, root: Any, source: str) -> None:
-        """Let all paths in `layer`, a copy of `root`, lead from the new place to where they led before. Files inside the
-        source's folder (its package) go into the new package."""
+        """Let all paths in `layer`, a copy of `root`, lead from the new place to where they led before.
+
+        Files inside the source's folder (its package) go into the new package.
+        """
         from pxr import Sdf, UsdUtils
 
-        beside = os.path.dirname(source)
-        home = os.path.realpath(source if source.lower().endswith(".usdz") else beside)
+        beside, home = os.path.dirname(source), home_of(source)
 
         def moved(path: str) -> str:
             if not path or path.startswith("`") or "://" in path:
@@ -50,8 +52,7 @@ class Assets:
             if not os.path.isabs(outer) or not os.path.isfile(real):
                 return path
             if self.packed:
-                inside = real == home or real.startswith(home.rstrip(os.sep) + os.sep)
-                return self._pack(real, inner, path) if inside else path
+                return self._pack(real, inner, path) if is_inside(real, home) else path
             if not inner and os.path.samefile(beside, self.folder):
                 return path
             return os.path.relpath(outer, self.folder).replace(os.sep, "/") + (f"[{inner}]" if inner else "")
@@ -64,30 +65,28 @@ class Assets:
             name = os.path.basename(inner or real)
             if not name.lower().endswith(PACKED):
                 return path
-            data = _inside(real, inner) if inner else _bytes(real)
+            data = read_asset(real, inner)
             if data is None:
                 return path
             self._names[key] = self.add(f"textures/{len(self.files)}_{name}", data)
         return self._names[key]
 
 
-def _bytes(path: str) -> bytes | None:
-    if os.path.getsize(path) > LARGEST_FILE:
+def read_asset(path: str, inner: str) -> bytes | None:
+    """A file, or one inside a package; None where it is not there, too large, or compressed, as no package may be."""
+    size = os.path.getsize(path)
+    if size > LARGEST_FILE:
         return None
-    with open(path, "rb") as file:
-        return file.read()
-
-
-def _inside(package: str, inner: str) -> bytes | None:
-    """A file inside a package; None where it is not there, or compressed, as no package may be."""
-    with zipfile.ZipFile(package) as archive:
+    if not inner:
+        with open(path, "rb") as file:
+            return file.read()
+    with zipfile.ZipFile(path) as archive:
         try:
             entry = archive.getinfo(inner)
         except KeyError:
             return None
-        if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > os.path.getsize(package):
-            return None
-        return archive.read(entry)
+        stored = entry.compress_type == zipfile.ZIP_STORED and entry.file_size <= size
+        return archive.read(entry) if stored else None
 
 
 def write_package(output: str, layer: str, files: dict[str, bytes]) -> None:

@@ -18,7 +18,8 @@ import numpy as np
 from retarget.io.child_process import Refused, answer
 from retarget.io.fbx_child import Glb
 from retarget.io.usd_clips import add_clips
-from retarget.io.usd_layers import in_plain_words, open_stage, prims_of
+from retarget.io.usd_layers import home_of, in_plain_words, open_stage, prims_of
+from retarget.io.usd_looks import Looks
 from retarget.io.usd_surface import add_still_mesh, bindings_of, skinned_meshes
 from retarget.io.usd_transforms import decomposed, placement
 
@@ -52,19 +53,19 @@ def main(source: str, output: str, reply: str) -> None:
 def convert(source: str, output: str) -> dict[str, Any]:
     """Write the GLB; returns what the file says of itself."""
     stage, notes, _ = open_stage(source)
-    prims = prims_of(stage)
-    glb = Glb()
+    prims, glb = prims_of(stage), Glb()
+    looks = Looks(glb, home_of(source), notes)
     told = _add_stage(glb, stage)
     skeleton, bound = choose_skeleton(prims, notes)
     if skeleton is not None:
         bones = read_bones(skeleton, notes)
         _add_bones(glb, bones, notes)
-        skinned_meshes(glb, bones, bound, notes)
+        skinned_meshes(glb, bones, bound, looks, notes)
         told["bound"] = add_clips(glb, stage, bones, prims, notes)
         told |= {"skeleton": str(skeleton.GetPath()), "joints": dict(zip(map(str, bones.nodes), bones.tokens))}
     else:
         for prim in prims:
-            add_still_mesh(glb, prim, notes)
+            add_still_mesh(glb, prim, looks)
     glb.write(output)
     return told | {"notes": list(dict.fromkeys(notes))}
 
@@ -110,7 +111,7 @@ def choose_skeleton(prims: list[Any], notes: list[str]) -> tuple[Any, list[Any]]
 
 
 def read_bones(prim: Any, notes: list[str]) -> Bones:
-    """Joints and their transforms. Raises `Refused` for a skeleton without joints, or with matrices that fit no joint."""
+    """Joints and their transforms. Raises `Refused` for a skeleton without joints, or with matrices that fit none."""
     tokens = [str(token) for token in prim.GetAttribute("joints").Get() or ()]
     path = prim.GetPath()
     if not tokens or len(tokens) > MOST_JOINTS:
@@ -164,7 +165,8 @@ def _matrices(prim: Any, name: str, count: int) -> np.ndarray | None:
 
 
 def _add_bones(glb: Glb, bones: Bones, notes: list[str]) -> None:
-    bones.node = glb.append("nodes", {"name": bones.prim.GetName(), **decomposed(placement(bones.prim)), "children": []})
+    placed = decomposed(placement(bones.prim))
+    bones.node = glb.append("nodes", {"name": bones.prim.GetName(), **placed, "children": []})
     glb.json["nodes"][0]["children"].append(bones.node)
     for name, matrix in zip(bones.names, bones.rest):
         entry = decomposed(matrix)

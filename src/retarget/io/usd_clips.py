@@ -1,8 +1,8 @@
 """Animations of a UsdSkel skeleton as animations of a GLB: the one it is bound to first, then all others that know its
 joints. Runs in the child.
 
-Where all samples lie on whole time codes, and a code is a plausible frame, every code of the clip becomes a key; else the
-samples themselves do. USD interpolates between samples as glTF does (linearly, rotations on the sphere).
+Where all samples lie on whole time codes, and a code is a plausible frame, every code of the clip becomes a key; else
+the samples themselves do. USD interpolates between samples as glTF does (linearly, rotations on the sphere).
 """
 
 from __future__ import annotations
@@ -33,7 +33,10 @@ class Take:
 
 
 def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[str]) -> str | None:
-    """All animations of the skeleton `bones`; returns the name of the one it is bound to, which comes first. Raises `Refused` for values that are no transforms, or more than anyone made."""
+    """All animations of the skeleton `bones`; returns the name of the one it is bound to, which comes first.
+
+    Raises `Refused` for values that are no transforms, or more than anyone made.
+    """
     bound = bound_animation(bones.prim)
     carried = _moving_codes(bones.prim)
     names: set[str] = set()
@@ -41,7 +44,8 @@ def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[st
     for prim in _animations(prims, bound, bones):
         own = prim.GetPath() == bound
         samples = [_samples(prim, name) for name, _, _ in PARTS] + ([carried] if own else [])
-        take = _take(stage, _free(prim.GetDisplayName() or prim.GetName(), names), np.unique(np.concatenate(samples)), own)
+        name = _free(prim.GetDisplayName() or prim.GetName(), names)
+        take = _take(stage, name, np.unique(np.concatenate(samples)), own)
         keys += _checked_keys(take, bones, keys)
         _add_joints(take, prim, bones, glb, notes)
         plays = take.name if own else plays
@@ -164,10 +168,10 @@ def _write(glb: Glb, take: Take) -> None:
     if not take.channels:
         return
     clock = glb.add(((take.codes - take.codes[0]) / take.rate).astype(np.float32), "SCALAR", FLOAT, bounds=True)
-    samplers = [{"input": clock, "output": glb.add(values.astype(np.float32), kind, FLOAT)} for _, _, kind, values in take.channels]
-    channels = [
-        {"sampler": number, "target": {"node": node, "path": path}} for number, (node, path, _, _) in enumerate(take.channels)
-    ]
+    samplers, channels = [], []
+    for node, path, kind, values in take.channels:
+        channels.append({"sampler": len(samplers), "target": {"node": node, "path": path}})
+        samplers.append({"input": clock, "output": glb.add(values.astype(np.float32), kind, FLOAT)})
     glb.append("animations", {"name": take.name, "samplers": samplers, "channels": channels})
 
 

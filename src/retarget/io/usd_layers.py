@@ -27,8 +27,12 @@ def in_plain_words(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     try:
         return work()
     except Tf.ErrorException as error:
-        told = re.findall(r" : '(.*?)'\s*(?=Error in |$)", str(error), re.DOTALL)
-        raise ValueError(re.sub(r"\S*/(?=[^/\s]+:\d)", "", told[-1]) if told else str(error)) from None
+        try:
+            text = str(error)
+        except UnicodeDecodeError:  # it quotes what is no text
+            raise ValueError("it holds bytes that are no text where text is expected") from None
+        told = re.findall(r" : '(.*?)'\s*(?=Error in |$)", text, re.DOTALL)
+        raise ValueError(re.sub(r"\S*/(?=[^/\s]+:\d)", "", told[-1]) if told else text) from None
 
 
 def open_stage(source: str) -> tuple[Any, list[str], bool]:
@@ -43,6 +47,15 @@ def open_stage(source: str) -> tuple[Any, list[str], bool]:
     return stage, notes, composed
 
 
+def home_of(source: str) -> str:
+    """What a file may reach: the real path of its folder; for a package the package itself."""
+    return os.path.realpath(source if source.lower().endswith(".usdz") else os.path.dirname(source))
+
+
+def is_inside(real: str, home: str) -> bool:
+    return real == home or real.startswith(home.rstrip(os.sep) + os.sep)
+
+
 def check_layers(source: str) -> tuple[list[str], bool]:
     """Missing layers of all that the file refers to, and whether it refers to any. Raises `Refused` for one outside."""
     from pxr import Sdf
@@ -50,7 +63,7 @@ def check_layers(source: str) -> tuple[list[str], bool]:
     root = Sdf.Layer.FindOrOpen(source)
     if root is None:
         raise ValueError("it holds no layer")
-    home = os.path.realpath(source if source.lower().endswith(".usdz") else os.path.dirname(source))
+    home = home_of(source)
     waiting, seen, missing = [root], {root.identifier}, []
     while waiting:
         layer = waiting.pop()
@@ -74,7 +87,7 @@ def check_layers(source: str) -> tuple[list[str], bool]:
 
 
 def _place(layer: Any, asset: str, home: str) -> str | None:
-    """Where a layer lies that another refers to; None if it is nowhere. Raises `Refused` for any place outside `home`."""
+    """Where a layer lies that another refers to; None if nowhere. Raises `Refused` for any place outside `home`."""
     from pxr import Ar, Sdf
 
     outside = Refused(
@@ -92,7 +105,7 @@ def _place(layer: Any, asset: str, home: str) -> str | None:
             raise outside
         return None
     real = os.path.realpath(outer)
-    if real != home and not real.startswith(home.rstrip(os.sep) + os.sep):
+    if not is_inside(real, home):
         raise outside
     if not (inner or outer).lower().endswith(SUFFIXES) or not outer.lower().endswith(SUFFIXES):
         raise Refused(f"refers to {asset!r}, which is no USD file")

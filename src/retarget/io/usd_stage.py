@@ -1,4 +1,4 @@
-"""A new USD stage for a character that came from elsewhere: UsdSkel root, skeleton, mesh, materials. Runs in the child."""
+"""A new USD stage for a character that came from elsewhere: SkelRoot, skeleton, mesh, materials. Runs in the child."""
 
 from __future__ import annotations
 
@@ -56,13 +56,14 @@ def _add_mesh(
     binding, width = UsdSkel.BindingAPI.Apply(mesh.GetPrim()), arrays["joints"].shape[1]
     binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
     binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
-    binding.CreateJointIndicesPrimvar(False, width).Set(Vt.IntArray.FromNumpy(np.ascontiguousarray(arrays["joints"].ravel())))
-    weights = np.ascontiguousarray(arrays["weights"].ravel())
+    joints, weights = (np.ascontiguousarray(arrays[name].ravel()) for name in ("joints", "weights"))
+    binding.CreateJointIndicesPrimvar(False, width).Set(Vt.IntArray.FromNumpy(joints))
     binding.CreateJointWeightsPrimvar(False, width).Set(Vt.FloatArray.FromNumpy(weights))
     scope = UsdGeom.Scope.Define(stage, root.GetPath().AppendChild("Materials"))
     used = np.unique(arrays["face_materials"]).tolist()
     for number in used:
-        look = _add_material(stage, scope, order["materials"][number], arrays.get(f"picture_{number}"), "uvs" in arrays, assets)
+        picture = arrays.get(f"picture_{number}") if "uvs" in arrays else None
+        look = _add_material(stage, scope, order["materials"][number], picture, assets)
         shown = mesh.GetPrim()
         if len(used) > 1:
             own = np.flatnonzero(arrays["face_materials"] == number).astype(np.int32)
@@ -72,7 +73,7 @@ def _add_mesh(
 
 
 def _add_material(
-    stage: Any, scope: Any, material: dict[str, Any], picture: np.ndarray | None, mapped: bool, assets: Assets
+    stage: Any, scope: Any, material: dict[str, Any], picture: np.ndarray | None, assets: Assets
 ) -> Any:
     """A UsdPreviewSurface of the base colour; with the picture, where it goes into a package."""
     from pxr import Gf, Sdf, UsdShade
@@ -93,7 +94,7 @@ def _add_material(
     look.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
     data = picture.tobytes() if picture is not None else b""
     kind = next((suffix for head, suffix in PICTURES.items() if data.startswith(head)), None)
-    if kind is not None and mapped and assets.packed:
+    if kind is not None and assets.packed:
         file = next((name for name, known in assets.files.items() if known == data), None)
         file = file or assets.add(f"textures/{len(assets.files)}_{free}.{kind}", data)
         reader = UsdShade.Shader.Define(stage, look.GetPath().AppendChild("Coordinates"))

@@ -1,4 +1,4 @@
-"""Meshes of a USD stage with their weights and base colours, as meshes of a GLB. Runs in the child."""
+"""Meshes of a USD stage with their weights, as meshes of a GLB. Runs in the child."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 
 from retarget.io.child_process import Refused
 from retarget.io.fbx_child import FLOAT, SHORT, UNSIGNED, Glb
+from retarget.io.usd_looks import Looks, first
 from retarget.io.usd_transforms import decomposed, placement
 
 MOST_INFLUENCES = 64
-GREY = (0.8, 0.8, 0.8)
 
 
 def bindings_of(prims: list[Any], skeletons: set[Any], notes: list[str]) -> dict[Any, list[Any]]:
@@ -58,24 +58,16 @@ def _primvar(prim: Any, name: str) -> Any:
     return found if found and found.HasAuthoredValue() else None
 
 
-def _first(attribute: Any) -> Any:
-    from pxr import Usd
-
-    return attribute.Get(Usd.TimeCode.EarliestTime()) if attribute else None
-
-
-def skinned_meshes(glb: Glb, bones: Any, prims: list[Any], notes: list[str]) -> None:
+def skinned_meshes(glb: Glb, bones: Any, prims: list[Any], looks: Looks, notes: list[str]) -> None:
     """All meshes of a skeleton, each with a skin; equal skins are one."""
     skins: dict[bytes, int] = {}
     for prim in prims:
-        points, triangles, materials = _geometry(glb, prim, notes)
+        points, triangles, materials, attributes = _geometry(glb, prim, looks)
         if not len(triangles):
             notes.append(f"the mesh {prim.GetName()!r} has no faces and is left out")
             continue
-        attributes = {"POSITION": glb.add(points, "VEC3", FLOAT, bounds=True)}
-        _add_influences(glb, prim, len(points), len(_joint_map(prim, bones)), attributes)
-        geometry = _geometry_bind(prim)
-        columns = _joint_map(prim, bones)
+        geometry, columns = _geometry_bind(prim), _joint_map(prim, bones)
+        _add_influences(glb, prim, len(points), len(columns), attributes)
         binds = (np.linalg.inv(bones.bind[columns]) @ geometry).astype(np.float32)
         binds[:, 3] = 0, 0, 0, 1
         key = columns.tobytes() + binds.tobytes()
@@ -84,17 +76,17 @@ def skinned_meshes(glb: Glb, bones: Any, prims: list[Any], notes: list[str]) -> 
             skins[key] = glb.append("skins", {
                 "joints": [bones.nodes[joint] for joint in columns.tolist()], "inverseBindMatrices": matrices
             })  # fmt: skip
-        _add_node(glb, bones.node, prim, decomposed(geometry), _primitives(glb, attributes, triangles, materials), skins[key])
+        primitives = _primitives(glb, attributes, triangles, materials)
+        _add_node(glb, bones.node, prim, decomposed(geometry), primitives, skins[key])
         _note_left_out(prim, notes)
 
 
-def add_still_mesh(glb: Glb, prim: Any, notes: list[str]) -> None:
+def add_still_mesh(glb: Glb, prim: Any, looks: Looks) -> None:
     """A mesh of a stage without skeleton, where it stands in the world; other prims are passed over."""
     if not _shown(prim):
         return
-    points, triangles, materials = _geometry(glb, prim, notes)
+    _, triangles, materials, attributes = _geometry(glb, prim, looks)
     if len(triangles):
-        attributes = {"POSITION": glb.add(points, "VEC3", FLOAT, bounds=True)}
         _add_node(glb, 0, prim, decomposed(placement(prim)), _primitives(glb, attributes, triangles, materials), None)
 
 
@@ -109,118 +101,48 @@ def _note_left_out(prim: Any, notes: list[str]) -> None:
     if _inherited_targets(prim, "skel:blendShapeTargets"):
         notes.append("blend shapes are left out")
     method = _primvar(prim, "skel:skinningMethod") or prim.GetAttribute("primvars:skel:skinningMethod")
-    if method and str(_first(method)) == "dualQuaternion":
+    if method and str(first(method)) == "dualQuaternion":
         notes.append("meshes skinned by dual quaternions are skinned linearly")
 
 
-def _geometry(glb: Glb, prim: Any, notes: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (float32), triangles, and the GLB's material of each triangle. Raises `Refused` for faces that fit not."""
+def _geometry(glb: Glb, prim: Any, looks: Looks) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, int]]:
+    """Points (float32), triangles, the GLB's material of each triangle, and the attributes of what is to be drawn.
+
+    Raises `Refused` for faces that do not fit the points.
+    """
     from pxr import UsdGeom
 
-    mesh = UsdGeom.Mesh(prim)
-    points = np.array(_first(mesh.GetPointsAttr()) or (), dtype=np.float32).reshape(-1, 3)
-    counts = np.array(_first(mesh.GetFaceVertexCountsAttr()) or (), dtype=np.int64)
-    corners = np.array(_first(mesh.GetFaceVertexIndicesAttr()) or (), dtype=np.int64)
-    path = prim.GetPath()
+    mesh, path = UsdGeom.Mesh(prim), prim.GetPath()
+    points = np.array(first(mesh.GetPointsAttr()) or (), dtype=np.float32).reshape(-1, 3)
+    counts = np.array(first(mesh.GetFaceVertexCountsAttr()) or (), dtype=np.int64)
+    corners = np.array(first(mesh.GetFaceVertexIndicesAttr()) or (), dtype=np.int64)
     if (counts < 0).any() or counts.sum() != len(corners):
-        raise Refused(f"the faces of {path} have {int(counts.sum())} corners by their counts, and {len(corners)} indices")
+        wanted = f"{int(counts.sum())} corners by their counts, and {len(corners)} indices"
+        raise Refused(f"the faces of {path} have {wanted}")
     if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
         worst = corners.max() if corners.max() >= len(points) else corners.min()
         raise Refused(f"a face of {path} names point {int(worst)} of {len(points)}")
     if not np.isfinite(points).all():
         raise Refused(f"{path} has points that are not numbers")
-    of_face = _face_materials(glb, mesh, len(counts), notes)
-    holes = np.array(_first(mesh.GetHoleIndicesAttr()) or (), dtype=np.int64)
-    counts_shown = counts.copy()
-    counts_shown[holes[(holes >= 0) & (holes < len(counts))]] = 0
-    triangles, owners = fan_triangles(counts_shown, np.cumsum(counts) - counts, corners)
-    if str(_first(mesh.GetOrientationAttr())) == "leftHanded":
+    of_face, uvs = looks.of_faces(mesh, len(counts), corners, len(points))
+    shown, holes = counts.copy(), np.array(first(mesh.GetHoleIndicesAttr()) or (), dtype=np.int64)
+    shown[holes[(holes >= 0) & (holes < len(counts))]] = 0
+    triangles, owners = fan_triangles(shown, np.cumsum(counts) - counts, corners)
+    if str(first(mesh.GetOrientationAttr())) == "leftHanded":
         triangles = triangles[:, ::-1]
-    return points, triangles, of_face[owners]
+    attributes = {"POSITION": glb.add(points, "VEC3", FLOAT, bounds=True)} if len(triangles) else {}
+    if uvs is not None and attributes:
+        attributes["TEXCOORD_0"] = glb.add(uvs.astype(np.float32), "VEC2", FLOAT)
+    return points, triangles, of_face[owners], attributes
 
 
 def fan_triangles(counts: np.ndarray, first: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of polygons, as fans from their first corners, and the polygon of each; in the order of the polygons."""
+    """Triangles of polygons, as fans from their first corners, and the polygon of each; in the polygons' order."""
     each = np.maximum(counts - 2, 0)
     owners = np.repeat(np.arange(len(counts)), each)
     step = np.arange(len(owners)) - np.repeat(np.cumsum(each) - each, each)
     start = first[owners]
     return np.stack([corners[start], corners[start + step + 1], corners[start + step + 2]], axis=1), owners
-
-
-def _face_materials(glb: Glb, mesh: Any, count: int, notes: list[str]) -> np.ndarray:
-    """The GLB's material of each face: the mesh's own, or that of the subset the face lies in."""
-    from pxr import UsdGeom, UsdShade
-
-    own = _material(glb, mesh, mesh.GetPrim(), notes)
-    materials = np.full(count, own, dtype=np.int64)
-    for subset in UsdShade.MaterialBindingAPI(mesh.GetPrim()).GetMaterialBindSubsets():
-        faces = np.array(_first(subset.GetIndicesAttr()) or (), dtype=np.int64)
-        if str(_first(subset.GetElementTypeAttr())) != UsdGeom.Tokens.face:
-            continue
-        if len(faces) and not 0 <= faces.min() <= faces.max() < count:
-            raise Refused(f"the subset {subset.GetPath()} names face {int(faces.max())} of {count}")
-        materials[faces] = _material(glb, mesh, subset.GetPrim(), notes)
-    return materials
-
-
-def _material(glb: Glb, mesh: Any, prim: Any, notes: list[str]) -> int:
-    """Number of the GLB's material for what is bound to a prim; the mesh's display colour where nothing is."""
-    from pxr import UsdShade
-
-    bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
-    name, color, alpha = "", _display_color(mesh), 1.0
-    if bound:
-        name = bound.GetPrim().GetName()
-        shader = bound.ComputeSurfaceSource()[0]
-        if shader:
-            color = _input(shader, "diffuseColor", 3, color, notes)
-            alpha = _input(shader, "opacity", 1, [alpha], notes)[0]
-    double = bool(_first(mesh.GetDoubleSidedAttr()))
-    entry: dict[str, Any] = {
-        "name": name, "doubleSided": double, "pbrMetallicRoughness": {"baseColorFactor": [*color, alpha], "metallicFactor": 0.0}
-    }  # fmt: skip
-    known = glb.json.setdefault("materials", [])
-    if entry not in known:
-        known.append(entry)
-    return known.index(entry)
-
-
-def _display_color(mesh: Any) -> list[float]:
-    """The colour of the whole mesh; grey where it has none, or one for each point or face."""
-    primvar = mesh.GetDisplayColorPrimvar()
-    value = _first(primvar.GetAttr()) if primvar else None
-    if value is None or len(value) != 1:
-        return list(GREY)
-    return _clipped(value[0], 3, list(GREY))
-
-
-def _input(shader: Any, name: str, width: int, otherwise: list[float], notes: list[str]) -> list[float]:
-    """A constant input of a surface shader, through the interfaces that hand it on."""
-    from pxr import UsdShade
-
-    given = shader.GetInput(name)
-    if not given:
-        return otherwise
-    sources = UsdShade.Utils.GetValueProducingAttributes(given)
-    if not sources:
-        return otherwise
-    if UsdShade.Utils.GetType(sources[0].GetName()) == UsdShade.AttributeType.Output:
-        if name == "diffuseColor":
-            notes.append("textures are left out")
-            return [1.0] * width
-        return otherwise
-    return _clipped(_first(sources[0]), width, otherwise)
-
-
-def _clipped(value: Any, width: int, otherwise: list[float]) -> list[float]:
-    try:
-        numbers = np.atleast_1d(np.array(value, dtype=np.float64)).ravel()
-    except (TypeError, ValueError):
-        return otherwise
-    if len(numbers) < width or not np.isfinite(numbers).all():
-        return otherwise
-    return np.clip(numbers[:width], 0.0, 1.0).tolist()
 
 
 def _joint_map(prim: Any, bones: Any) -> np.ndarray:
@@ -240,7 +162,7 @@ def _joint_map(prim: Any, bones: Any) -> np.ndarray:
 
 def _geometry_bind(prim: Any) -> np.ndarray:
     primvar = _primvar(prim, "skel:geomBindTransform")
-    value = _first(primvar.GetAttr()) if primvar else None
+    value = first(primvar.GetAttr()) if primvar else None
     if value is None:
         return np.eye(4)
     matrix = np.array(value, dtype=np.float64).T

@@ -13,7 +13,7 @@ SHEAR = 1e-4
 
 
 def decomposed(matrix: np.ndarray) -> dict[str, list[float]]:
-    """Translation, rotation (xyzw) and scale of an affine matrix (4, 4; columns); the matrix itself, if it is sheared."""
+    """Translation, rotation (xyzw) and scale of an affine matrix (4, 4; columns); itself, if it is sheared."""
     translation, rotation, scale, straight = split(matrix[None])
     if not straight[0]:
         return {"matrix": matrix.T.ravel().tolist()}
@@ -39,7 +39,7 @@ def quaternions(turns: np.ndarray) -> np.ndarray:
     """Unit quaternions xyzw of rotation matrices (n, 3, 3), by the largest of the four components."""
     m = turns
     trace = np.trace(m, axis1=1, axis2=2)
-    squares = np.stack([1 + 2 * m[:, 0, 0] - trace, 1 + 2 * m[:, 1, 1] - trace, 1 + 2 * m[:, 2, 2] - trace, 1 + trace], axis=1)
+    squares = np.stack([*(1 + 2 * m[:, axis, axis] - trace for axis in range(3)), 1 + trace], axis=1)
     x, y, z, w = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1], squares[:, 3]
     xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
     rows = np.stack([
@@ -51,7 +51,7 @@ def quaternions(turns: np.ndarray) -> np.ndarray:
 
 
 def placement(prim: Any, code: float | None = None) -> np.ndarray:
-    """World-from-prim (4, 4; columns) at a time code, by default the first there is. Raises `Refused` for a flat one."""
+    """World-from-prim (4, 4; columns) at a time code, the first if none is given. Raises `Refused` for a flat one."""
     from pxr import Usd, UsdGeom
 
     time = Usd.TimeCode.EarliestTime() if code is None else Usd.TimeCode(code)

@@ -1,5 +1,5 @@
-"""Motions into USD files: into the stage a character came from, or with a stage made new. usd-core works in a process of
-its own here too, for what it opens may be a stage from anywhere.
+"""Motions into USD files: into the stage a character came from, or with a stage made new. usd-core works in a process
+of its own here too, for what it opens may be a stage from anywhere.
 
 The child gets one JSON file and one file of arrays, and leaves the bytes of the finished file.
 """
@@ -45,16 +45,17 @@ def save(
 ) -> None:
     """Write a character with its motions as .usda (text), .usdc and .usd (binary), or .usdz (a package).
 
-    A character that was read from USD keeps its stage: everything in it stays, each motion becomes one SkelAnimation more
-    below the skeleton, and the first of them is the one that plays. A stage of several layers is written as one.
+    A character that was read from USD keeps its stage: everything in it stays, each motion becomes one SkelAnimation
+    more below the skeleton, and the first of them is the one that plays. A stage of several layers is written as one;
+    where prims carry the skeleton about, the motions say it instead, and the skeleton's prim stays in its place.
     `keep_clips=False` leaves out the animations it had. Any other character is written anew, in metres with +Y up, with
     base colours; pictures go into a .usdz only. `animation_only` writes the skeleton and the motions.
 
     UsdSkel binds a skeleton to one animation, so of several motions the first plays; the others stand beside it.
 
     Raises `RetargetError` if a motion belongs to another skeleton or has no frames, `FileError` if usd-core is not
-    installed, the stage that is to be kept has changed since, or `path` cannot be written. The file appears whole or not
-    at all, and equal input gives equal bytes.
+    installed, the stage that is to be kept has changed since, or `path` cannot be written. The file appears whole or
+    not at all, and equal input gives equal bytes.
     """
     path = Path(path)
     require_usd(path)
@@ -62,7 +63,8 @@ def save(
         check_skeleton(f"the motion {motion.name!r}", motion.skeleton, character.skeleton)
         if not len(motion):
             raise RetargetError(f"the motion {motion.name!r} has no frames to write")
-    order: dict[str, Any] = {"suffix": path.suffix.lower(), "stem": _identifier(path.stem), "folder": str(path.parent.absolute())}
+    folder = str(path.parent.absolute())
+    order: dict[str, Any] = {"suffix": path.suffix.lower(), "stem": _identifier(path.stem), "folder": folder}
     arrays: dict[str, Array] = {}
     origin = character.origin if isinstance(character.origin, UsdOrigin) and not animation_only else None
     if origin is not None:
@@ -73,7 +75,10 @@ def save(
     else:
         order |= _new_stage(character, arrays, animation_only)
         clips = [_own_values(motion) for motion in motions]
-    order["clips"] = [{"name": motion.name or "motion", "prim": _identifier(motion.name or "motion"), "fps": motion.fps} for motion in motions]
+    order["clips"] = [
+        {"name": motion.name or "motion", "prim": _identifier(motion.name or "motion"), "fps": motion.fps}
+        for motion in motions
+    ]
     for number, (translations, rotations, scales) in enumerate(clips):
         arrays[f"translations_{number}"] = translations.astype(np.float32)
         arrays[f"rotations_{number}"] = continuous(normalise(rotations)).astype(np.float32)
@@ -100,7 +105,8 @@ def _kept_stage(path: Path, origin: UsdOrigin, keep_clips: bool) -> dict[str, An
     except OSError:
         raise FileError(path, f"cannot keep what {origin.source} holds: the file is gone") from None
     if (state.st_size, state.st_mtime_ns) != origin.stamp:
-        raise FileError(path, f"cannot keep what {origin.source} holds: it has changed since it was read; read it again")
+        problem = f"cannot keep what {origin.source} holds: it has changed since it was read; read it again"
+        raise FileError(path, problem)
     kept = {"source": str(origin.source), "skeleton": origin.skeleton_path, "keep_clips": keep_clips}
     return kept | {"tokens": list(origin.tokens.values())}
 
@@ -158,7 +164,8 @@ def _new_stage(character: Character, arrays: dict[str, Array], animation_only: b
     T_world_rest = joint_transforms(*rest_pose(skeleton))
     rest = joint_transforms(skeleton.rest_rotations, skeleton.offsets)
     binds = T_world_rest
-    told: dict[str, Any] = {"name": _identifier(character.name or "character"), "tokens": _tokens(skeleton), "names": skeleton.names}
+    told: dict[str, Any] = {"name": _identifier(character.name or "character"), "tokens": _tokens(skeleton)}
+    told["names"] = skeleton.names
     mesh = None if animation_only else character.mesh
     if mesh is not None:
         if not len(mesh.faces):
@@ -173,8 +180,9 @@ def _new_stage(character: Character, arrays: dict[str, Array], animation_only: b
             np.zeros(len(mesh.faces), np.int32) if mesh.face_materials is None else mesh.face_materials.astype(np.int32)
         )
         if mesh.uvs is not None:
-            arrays["uvs"] = np.stack([mesh.uvs[:, 0], 1 - mesh.uvs[:, 1]], axis=1).astype(np.float32)  # origin bottom left
-        told["materials"] = [_material(material, number, arrays) for number, material in enumerate(mesh.materials or (Material(),))]
+            arrays["uvs"] = (mesh.uvs * [1, -1] + [0, 1]).astype(np.float32)  # USD has the origin bottom left
+        materials = mesh.materials or (Material(),)
+        told["materials"] = [_material(material, number, arrays) for number, material in enumerate(materials)]
     arrays |= {"rest": np.swapaxes(rest, 1, 2), "bind": np.swapaxes(binds, 1, 2)}
     return told
 
@@ -183,7 +191,8 @@ def _material(material: Material, number: int, arrays: dict[str, Array]) -> dict
     if material.image is not None:
         arrays[f"picture_{number}"] = np.frombuffer(material.image, np.uint8)
     color = [float(part) for part in material.base_color]
-    return {"name": _identifier(material.name or f"material_{number}"), "color": color, "double_sided": material.double_sided}
+    name = _identifier(material.name or f"material_{number}")
+    return {"name": name, "color": color, "double_sided": material.double_sided}
 
 
 def _tokens(skeleton: Skeleton) -> list[str]:

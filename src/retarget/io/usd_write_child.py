@@ -80,7 +80,8 @@ def add_clips(stage: Any, skeleton: Any, order: dict[str, Any], arrays: dict[str
     clips = order["clips"]
     if not clips:
         return
-    sampled = any(prim.GetAttribute(name).GetNumTimeSamples() for prim in earlier for name in ("rotations", "translations"))
+    moving = ("rotations", "translations")
+    sampled = any(prim.GetAttribute(name).GetNumTimeSamples() for prim in earlier for name in moving)
     if not (sampled or stage.HasAuthoredTimeCodeRange()):
         stage.SetTimeCodesPerSecond(clips[0]["fps"])
         stage.SetFramesPerSecond(clips[0]["fps"])
