@@ -192,6 +192,10 @@ def test_other_commands_take_the_model(files, command):
     model = ("--smpl-model", files / "BODY.npz")
     code, out, _ = command("info", files / "posed.npz", "--json", *model)
     assert code == 0 and json.loads(out)["kind"] == "character" and json.loads(out)["vertices"] == 6883
+    code, out, _ = command("convert", files / "posed.npz", files / "posed.glb", *model)
+    asset = load(files / "posed.glb")
+    at = positions(asset.motion())
+    assert code == 0 and len(asset.character.mesh.vertices) >= 6883 and (at["head"] - at["pelvis"])[:, 1].min() > 0.4
     code, out, _ = command("contacts", files / "posed.npz", *model)
     assert code == 0
     code, out, _ = command(
