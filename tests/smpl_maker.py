@@ -1,4 +1,5 @@
-"""SMPL-family archives made in code: models from the embedded human, and motions as AMASS and SMPL-X's tools write them."""
+"""SMPL-family archives made in code: models from the embedded human, and motions as AMASS and SMPL-X's tools write
+them."""
 
 from functools import cache
 
@@ -16,7 +17,8 @@ ROOT_OF = {"left_hand": "leftMiddleProximal", "right_hand": "rightMiddleProximal
 
 @cache
 def into_t(gender=0.5):
-    """World rotations (52, 4) that bring the embedded human from its relaxed A into the stand-in's T, by its own names."""
+    """World rotations (52, 4) that bring the embedded human from its relaxed A into the stand-in's T, by its own
+    names."""
     skeleton = human(gender=gender).skeleton
     t = stand_in(FAMILIES[52], {0.0: "female", 1.0: "male"}.get(gender), "SMPL").skeleton
     _, places = rest_pose(t)

@@ -1,4 +1,5 @@
-"""SMPL-family motions and models from the file to the result: what performs stands, bends and faces as the angles say."""
+"""SMPL-family motions and models from the file to the result: what performs stands, bends and faces as the angles
+say."""
 
 import json
 import sys
@@ -191,11 +192,19 @@ def test_other_commands_take_the_model(files, command):
     model = ("--smpl-model", files / "BODY.npz")
     code, out, _ = command("info", files / "posed.npz", "--json", *model)
     assert code == 0 and json.loads(out)["kind"] == "character" and json.loads(out)["vertices"] == 6883
+    code, out, _ = command("convert", files / "posed.npz", files / "posed.glb", *model)
+    asset = load(files / "posed.glb")
+    at = positions(asset.motion())
+    assert code == 0 and len(asset.character.mesh.vertices) >= 6883 and (at["head"] - at["pelvis"])[:, 1].min() > 0.4
     code, out, _ = command("contacts", files / "posed.npz", *model)
     assert code == 0
-    code, out, _ = command("picture", files / "posed.npz", files / "hero.glb", "-o", files / "a.png", "--size", 64, *model)
+    code, out, _ = command(
+        "picture", files / "posed.npz", files / "hero.glb", "-o", files / "a.png", "--size", 64, *model
+    )
     assert code == 0 and (files / "a.png").exists()
-    command("run", files / "posed.npz", files / "hero.glb", "-o", files / "out.glb", "--method", "copy-rotations", *model)
+    command(
+        "run", files / "posed.npz", files / "hero.glb", "-o", files / "out.glb", "--method", "copy-rotations", *model
+    )
     code, out, _ = command("evaluate", files / "out.glb", "--source", files / "posed.npz", "--json", *model)
     assert code == 0 and "penetration" in out
 

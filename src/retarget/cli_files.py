@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from retarget.cli_options import File, Json, Unit, Up, Verbose, listen, say
+from retarget.cli_options import File, Json, SmplModel, Unit, Up, Verbose, listen, say
 
 
 def convert(
@@ -25,6 +25,7 @@ def convert(
     fps: Annotated[
         Optional[float], typer.Option(help="Frame rate to write (the file's if not given).", show_default=False)
     ] = None,
+    smpl_model: SmplModel = None,
     up: Up = None,
     unit: Unit = None,
     as_json: Json = False,
@@ -33,7 +34,7 @@ def convert(
     listen(False)
     from retarget.commands_convert import Conversion, convert_file
 
-    say(convert_file(Conversion(file, output, clip, fps, up, unit)), as_json)
+    say(convert_file(Conversion(file, output, clip, fps, up, unit, smpl_model)), as_json)
 
 
 def batch(

@@ -20,7 +20,9 @@ Unit = Annotated[
 ]
 SmplModel = Annotated[
     Optional[Path],
-    typer.Option("--smpl-model", help="Your SMPL, SMPL+H or SMPL-X model (.npz): the body of .npz motions.", show_default=False),
+    typer.Option(
+        "--smpl-model", help="Your SMPL, SMPL+H or SMPL-X model (.npz): the body of .npz motions.", show_default=False
+    ),
 ]
 
 

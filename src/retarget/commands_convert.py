@@ -34,6 +34,7 @@ class Conversion:
     fps: float | None = None
     up: str | None = None
     unit: float | None = None
+    smpl_model: Path | None = None
 
 
 def convert_file(order: Conversion) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def convert_file(order: Conversion) -> dict[str, Any]:
         raise RetargetError(f"up axis {order.up!r} is unknown; use one of {', '.join(AXES)}")
     if order.unit is not None and not 0 < order.unit < float("inf"):
         raise RetargetError(f"unit must be positive metres per unit, received {order.unit:g}")
-    asset = load(order.file)
+    asset = load(order.file, smpl_model=order.smpl_model)
     if sequence or asset.sequence is not None:
         space, notes = _space(asset, order, keep=asset.sequence is None or output.suffix.lower() not in (".glb", ".gltf"))
         moving, size = convert_sequence(asset, output, order.clip, order.fps, space)

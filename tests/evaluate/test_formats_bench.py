@@ -21,7 +21,7 @@ def test_what_is_written_comes_back(small):
     assert summary["gltf_round_trip_mm"] < 0.1 and summary["vrm_round_trip_mm"] < 0.1
     assert summary["mutations"] == 20 and summary["crashes"] == summary["hangs"] == 0
     assert summary["validator_errors"] in (None, 0)
-    assert {row["format"] for row in report["rows"]} == {".bvh", ".glb", ".gltf", ".vrm", ".obj", ".ply"}
+    assert {row["format"] for row in report["rows"]} == {".bvh", ".glb", ".gltf", ".vrm", ".npz", ".obj", ".ply"}
 
 
 def test_what_comes_back_changed_is_seen(small, monkeypatch):

@@ -70,7 +70,9 @@ def test_the_stand_in_stands_in_a_t():
         assert abs(at[f"{side}_index1"][1] - at[f"{side}_pinky1"][1]) < 0.02
         assert at[f"{side}_hip"][1] > at[f"{side}_knee"][1] > at[f"{side}_ankle"][1] > at[f"{side}_foot"][1]
         assert at[f"{side}_foot"][2] > at[f"{side}_ankle"][2] + 0.05, "toes point forward"
-    mirrored = {name: at[name.replace("left", "right") if "left" in name else name.replace("right", "left")] for name in at}
+    mirrored = {
+        name: at[name.replace("left", "right") if "left" in name else name.replace("right", "left")] for name in at
+    }
     assert all(np.allclose(at[name], mirrored[name] * [-1, 1, 1], atol=1e-6) for name in at)
 
 
@@ -110,7 +112,13 @@ def test_parts_are_the_whole(tmp_path, amass_names):
     whole = load(amass(tmp_path / "whole.npz", poses, trans, 30.0)).motion()
     flat = poses.reshape(FRAMES, -1)
     if amass_names:
-        names = {"root_orient": (0, 3), "pose_body": (3, 66), "pose_jaw": (66, 69), "pose_eye": (69, 75), "pose_hand": (75, 165)}
+        names = {
+            "root_orient": (0, 3),
+            "pose_body": (3, 66),
+            "pose_jaw": (66, 69),
+            "pose_eye": (69, 75),
+            "pose_hand": (75, 165),
+        }
     else:
         names = {"global_orient": (0, 3), "body_pose": (3, 66), "jaw_pose": (66, 69), "leye_pose": (69, 72),
                  "reye_pose": (72, 75), "left_hand_pose": (75, 120), "right_hand_pose": (120, 165)}  # fmt: skip
@@ -138,7 +146,9 @@ def test_parts_make_the_smallest_body_that_holds_them(tmp_path):
 
 def test_components_of_hand_poses_are_no_angles(tmp_path):
     flat = moving(55)[0].reshape(FRAMES, -1)
-    np.savez(tmp_path / "a.npz", global_orient=flat[:, :3], body_pose=flat[:, 3:66], left_hand_pose=flat[:, :12], fps=30)
+    np.savez(
+        tmp_path / "a.npz", global_orient=flat[:, :3], body_pose=flat[:, 3:66], left_hand_pose=flat[:, :12], fps=30
+    )
     asset = load(tmp_path / "a.npz")
     assert len(asset.motion().skeleton) == 22 and any("12 components" in note for note in asset.notes)
 
@@ -351,7 +361,11 @@ def test_betas_of_any_length(tmp_path):
     assert np.allclose(none.character.mesh.vertices[:, 2], model_arrays(24)["v_template"][:, 1])
     changing, *_ = with_model(tmp_path, 24, betas=np.arange(2.0)[:, None])
     assert any("their mean" in note for note in changing.notes)
-    for bad, problem in ((np.ones((1, 1, 1)), "row of numbers"), (np.zeros((0, 3)), "row of numbers"), (np.array([np.nan]), "finite")):
+    for bad, problem in (
+        (np.ones((1, 1, 1)), "row of numbers"),
+        (np.zeros((0, 3)), "row of numbers"),
+        (np.array([np.nan]), "finite"),
+    ):
         with pytest.raises(FileError, match=problem):
             with_model(tmp_path, 24, betas=bad)
 

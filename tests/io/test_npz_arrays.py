@@ -1,4 +1,5 @@
-"""Arrays of .npz files: what numpy writes is read, what a file cannot hold or should not run is refused before it is read."""
+"""Arrays of .npz files: what numpy writes is read, what a file cannot hold or should not run is refused before it is
+read."""
 
 import io
 import struct
@@ -34,7 +35,12 @@ def refused(path, name="poses"):
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 @pytest.mark.parametrize(
     "value",
-    [np.arange(6.0).reshape(2, 3), np.float32(3.5), np.asfortranarray(np.arange(6.0).reshape(2, 3)), np.arange(4, dtype=">i2")],
+    [
+        np.arange(6.0).reshape(2, 3),
+        np.float32(3.5),
+        np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        np.arange(4, dtype=">i2"),
+    ],
 )
 def test_what_numpy_writes_is_read(tmp_path, save, value):
     save(tmp_path / "a.npz", value=value, other=np.zeros(3))

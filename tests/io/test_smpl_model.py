@@ -40,7 +40,9 @@ def test_a_model_is_a_character(tmp_path, joints):
     assert (asset.kind, asset.clips, character.name) == ("character", (), "BODY")
     assert (asset.convention.metres_per_unit, asset.convention.up) == (1.0, "+y")
     assert any("posedirs" in note for note in asset.notes)
-    assert np.array_equal(character.mesh.vertices, arrays["v_template"]) and np.array_equal(character.mesh.faces, arrays["f"])
+    assert np.array_equal(character.mesh.vertices, arrays["v_template"]) and np.array_equal(
+        character.mesh.faces, arrays["f"]
+    )
     assert np.allclose(rest_vertices(character), arrays["v_template"], atol=1e-6)
     places = arrays["J_regressor"] @ arrays["v_template"]
     assert np.allclose(character.skin.inverse_binds[:, :3, 3], -places)
@@ -64,7 +66,9 @@ def test_the_root_has_no_parent_however_it_is_written(tmp_path, root):
     assert load(tmp_path / "a.npz").character.skeleton.parents[0] == -1
 
 
-@pytest.mark.parametrize(("joints", "count", "usable"), [(24, 16, 16), (24, 0, 0), (55, 20, 10), (55, 400, 300), (55, 16, 16)])
+@pytest.mark.parametrize(
+    ("joints", "count", "usable"), [(24, 16, 16), (24, 0, 0), (55, 20, 10), (55, 400, 300), (55, 16, 16)]
+)
 def test_expressions_are_no_shapes(tmp_path, joints, count, usable):
     arrays = tiny(joints, shapes=max(count, 1))
     if not count:

@@ -1,13 +1,14 @@
 """Motions of the SMPL family in .npz archives: AMASS (Mahmood 2019), and what SMPL-X's own tools write.
 
 Rotations are axis times angle, parent-from-joint, from the model's rest pose. They come whole (`poses`) or in parts
-(`root_orient`, `pose_body`, `pose_hand`, ... or `global_orient`, `body_pose`, `left_hand_pose`, ...). `trans` or `transl`
-moves the whole model. Joint positions are not in the file: the embedded human stands in (`smpl_stand_in`), or the user's
-own model gives them, and a surface with them.
+(`root_orient`, `pose_body`, `pose_hand`, ... or `global_orient`, `body_pose`, `left_hand_pose`, ...). `trans` or
+`transl` moves the whole model. Joint positions are not in the file: the embedded human stands in (`smpl_stand_in`),
+or the user's own model gives them, and a surface with them.
 
 Which way is up is nowhere said. AMASS stands on z = 0 with +Z up, and its archives are known by `mocap_framerate` or
-`mocap_frame_rate`; but others use that key with +Y up. So such an archive is taken to have +Z up unless its body stands on
-straight legs along +Y. For archives without the key nothing is stated, and the motion decides (`motion.align`).
+`mocap_frame_rate`; but others use that key with +Y up. So such an archive is taken to have +Z up unless its body
+stands on straight legs along +Y. For archives without the key nothing is stated, and the motion decides
+(`motion.align`).
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ LONGEST = 1 << 25
 """Values of all rotations of a motion: half an hour of SMPL+H at 120 frames a second."""
 Z_UP_FROM_Y_UP = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
 STRAIGHT = 0.75
-"""Share of the legs' length from hips to ankles along an axis that a body stands along; crawling and sitting have half."""
+"""Share of the legs' length from hips to ankles along an axis that a body stands along; crawling and sitting have
+half."""
 LYING, OFF_THE_FLOOR = 0.4, 0.3
 """Metres: pelvis of a lying body above the floor, at most; feet away from the floor's height that stand on none."""
 LOOKED_AT = 200
@@ -110,7 +112,9 @@ def load(archive: Archive, smpl_model: str | Path | None = None) -> Asset:
     if archive.first(*MOCAP_RATES) is not None:
         up = "+y" if _stands_on_y(motion) else "+z"
     if up == "+y":
-        notes.append("archives with this key for the frame rate have +z up, but the body stands along +y: so that is up")
+        notes.append(
+            "archives with this key for the frame rate have +z up, but the body stands along +y: so that is up"
+        )
     if up == "+z":
         character = _stood_up(character)
         motion = replace(motion, skeleton=character.skeleton)
@@ -138,7 +142,9 @@ def read_angles(archive: Archive) -> Angles:
             continue
         shape = archive.shape(key)
         if names[0] in LEFT_FINGERS + RIGHT_FINGERS and len(shape) == 2 and 0 < shape[1] < 3 * len(names):
-            notes.append(f"{key} holds {shape[1]} components of hand poses instead of angles: these fingers stay straight")
+            notes.append(
+                f"{key} holds {shape[1]} components of hand poses instead of angles: these fingers stay straight"
+            )
             continue
         vectors = _vectors(archive, key)
         if names == BODY[1:] and vectors.shape[1] == 23:
@@ -210,7 +216,9 @@ def _body(archive: Archive, model: SmplModel, family: Family, space: str | None)
         notes.append(LEFT_OUT)
     betas = None
     if space not in (None, model.family.shape_space):
-        notes.append(f"the motion's shape is one of {space}, which {model.family.name} does not know: the mean body is used")
+        notes.append(
+            f"the motion's shape is one of {space}, which {model.family.name} does not know: the mean body is used"
+        )
     elif "betas" in archive:
         betas, more = _betas(archive)
         notes += more
@@ -243,7 +251,9 @@ def _stands_on_y(motion: Motion) -> bool:
     at = {name: positions[:, joint] for joint, name in enumerate(motion.skeleton.names)}
     sides = ("left", "right")
     drops = [at[f"{side}_hip"][:, 1] - at[f"{side}_ankle"][:, 1] for side in sides]
-    bones = [motion.skeleton.offsets[motion.skeleton.index(f"{side}_{end}")] for side in sides for end in ("knee", "ankle")]
+    bones = [
+        motion.skeleton.offsets[motion.skeleton.index(f"{side}_{end}")] for side in sides for end in ("knee", "ankle")
+    ]
     if np.median(drops) < STRAIGHT * 0.5 * np.linalg.norm(bones, axis=1).sum():
         return False
     height, feet = np.median(at["pelvis"][:, 2]), np.median([at[f"{side}_foot"][:, 1] for side in sides])
@@ -251,7 +261,8 @@ def _stands_on_y(motion: Motion) -> bool:
 
 
 def _stood_up(character: Character) -> Character:
-    """A body at rest with +Y up, turned so that it rests with +Z up; joints' own axes stay, so rotations apply as before."""
+    """A body at rest with +Y up, turned so that it rests with +Z up; joints' own axes stay, so rotations apply as
+    before."""
     skeleton, turn = character.skeleton, Z_UP_FROM_Y_UP
     rest, offsets = skeleton.rest_rotations.copy(), skeleton.offsets.copy()
     rest[0], offsets[0] = turn, rot.rotate(turn, offsets[0])

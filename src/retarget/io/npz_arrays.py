@@ -1,8 +1,8 @@
 """Arrays of an .npz file, read with care: a zip of .npy members from anywhere on the internet.
 
-`numpy.load` takes memory for whatever a header declares and decides late that an array is pickled. Here the directory of
-the zip and the header of every array are read first; an array's bytes are read only where declared shape, member size and
-file size agree. Pickled objects are never read, since a pickle runs code.
+`numpy.load` takes memory for whatever a header declares and decides late that an array is pickled. Here the directory
+of the zip and the header of every array are read first; an array's bytes are read only where declared shape, member
+size and file size agree. Pickled objects are never read, since a pickle runs code.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ LONGEST_HEADER = 10_000
 DENSEST = 1040
 """How many bytes one byte of a deflated member can stand for, at most (its longest match is 258 bytes for 2 bits)."""
 DAMAGED = (
-    zipfile.BadZipFile, zlib.error, struct.error, EOFError, RuntimeError, NotImplementedError, ValueError, OverflowError, OSError,
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, RuntimeError, NotImplementedError, ValueError,
+    OverflowError, OSError,
 )  # fmt: skip
 """What reading a damaged zip raises."""
 FIELDS = re.compile(
@@ -86,7 +87,8 @@ class Archive:
         return values
 
     def integers(self, name: str) -> Array:
-        """An array of integers as int64; unsigned ones beyond its range become negative. Raises `FileError` for others."""
+        """An array of integers as int64; unsigned ones beyond its range become negative. Raises `FileError` for
+        others."""
         raw = self._read(name)
         if raw.dtype.kind not in "iu":
             raise self.fail(name, f"must hold integers, holds {raw.dtype}")

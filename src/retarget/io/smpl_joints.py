@@ -57,7 +57,14 @@ FAMILIES: dict[int, Family] = {
 }
 """By number of joints. The 22 are what all share: archives without hands."""
 
-CANONICAL = {"pelvis": "hips", "spine1": "spine", "spine2": "chest", "spine3": "upperChest", "neck": "neck", "head": "head"}
+CANONICAL = {
+    "pelvis": "hips",
+    "spine1": "spine",
+    "spine2": "chest",
+    "spine3": "upperChest",
+    "neck": "neck",
+    "head": "head",
+}
 CANONICAL |= {
     f"{side}_{name}": f"{side}{part}"
     for side in ("left", "right")

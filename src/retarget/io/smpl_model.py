@@ -1,8 +1,9 @@
-"""Body models of the SMPL family (SMPL, SMPL+H, SMPL-X; Loper 2015, Romero 2017, Pavlakos 2019) from the user's own .npz.
+"""Body models of the SMPL family (SMPL, SMPL+H, SMPL-X; Loper 2015, Romero 2017, Pavlakos 2019) from the user's own
+.npz.
 
-A model is a template surface, directions that its shape numbers ("betas") move it in, a regressor from surface to joints,
-and skinning weights. Pose-dependent corrections (`posedirs`) are left out: a skinned character has none. Models come under
-their own licence, so none is part of this project.
+A model is a template surface, directions that its shape numbers ("betas") move it in, a regressor from surface to
+joints, and skinning weights. Pose-dependent corrections (`posedirs`) are left out: a skinned character has none.
+Models come under their own licence, so none is part of this project.
 """
 
 from __future__ import annotations
@@ -23,12 +24,14 @@ from retarget.io.smpl_joints import FAMILIES, Family
 Array = np.ndarray
 
 NEEDED = ("v_template", "f", "J_regressor", "weights", "kintree_table")
-LEFT_OUT = "pose-dependent corrections (posedirs) are left out: the surface follows its joints by skinning weights alone"
+LEFT_OUT = (
+    "pose-dependent corrections (posedirs) are left out: the surface follows its joints by skinning weights alone"
+)
 SHAPES_OF_SMPLX = 300
 """Shape components of SMPL-X; those behind them are expressions. Its first release had 10 and 10."""
 CURE_FOR_PICKLES = (
-    "pickles are not read, since they run code; take the model's .npz, or save v_template, f, J_regressor (dense), weights, "
-    "kintree_table and shapedirs of it with numpy.savez"
+    "pickles are not read, since they run code; take the model's .npz, or save v_template, f, J_regressor (dense), "
+    "weights, kintree_table and shapedirs of it with numpy.savez"
 )
 
 

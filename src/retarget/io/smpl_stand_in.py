@@ -1,8 +1,8 @@
 """A body for SMPL motions whose model is not at hand: the embedded human's joints, standing in SMPL's rest pose.
 
-SMPL archives hold angles, not joint positions; these belong to a model under its own licence. The angles count from the
-model's rest pose, so what matters of the body that stands in is that its bones point where the model's do: then the same
-angles give the same directions.
+SMPL archives hold angles, not joint positions; these belong to a model under its own licence. The angles count from
+the model's rest pose, so what matters of the body that stands in is that its bones point where the model's do: then
+the same angles give the same directions.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ DIRECTIONS: dict[str, tuple[str, tuple[float, float, float]]] = {
     "UpperLeg": ("LowerLeg", (0.09, -1.0, -0.01)),
     "LowerLeg": ("Foot", (-0.03, -0.99, -0.11)),
 }
-"""How the limbs of SMPL's mean body lie in its rest pose, to a degree or so; trunk, head and feet are as in the embedded
-human, which stands upright too. Hands and fingers lie flat along the arms' axis, palms down."""
+"""How the limbs of SMPL's mean body lie in its rest pose, to a degree or so; trunk, head and feet are as in the
+embedded human, which stands upright too. Hands and fingers lie flat along the arms' axis, palms down."""
 
 SPINE = {"spine1": 0.21, "spine2": 0.47, "spine3": 0.58}
 """How high SMPL's spine joints sit between pelvis and neck: it matters how a bend is shared out along the back."""
 
 PELVIS = {"SMPL": (0.0, -0.22, 0.03), "SMPL-X": (0.0, -0.35, 0.01)}
-"""Where the pelvis of the published mean bodies rests in their own space, metres, to a centimetre. An archive's path does
-not say where the pelvis is but how far the model is moved, so this is added."""
+"""Where the pelvis of the published mean bodies rests in their own space, metres, to a centimetre. An archive's path
+does not say where the pelvis is but how far the model is moved, so this is added."""
 
 GENDERS = {"female": 0.0, "f": 0.0, "male": 1.0, "m": 1.0}
 
@@ -60,7 +60,8 @@ def stand_in(family: Family, gender: str | None, shape_space: str) -> Character:
 
 @lru_cache(maxsize=4)
 def _joints_in_t(gender: float) -> tuple[dict[str, Float[Array, "3"]], dict[str, Float[Array, "3"]]]:
-    """Joints of the embedded human in SMPL's rest pose by SMPL's names, and where bones without a child end (offsets)."""
+    """Joints of the embedded human in SMPL's rest pose by SMPL's names, and where bones without a child end
+    (offsets)."""
     character = human(gender=gender)
     skeleton, vertices = character.skeleton, character.mesh.vertices
     _, relaxed = rest_pose(skeleton)
