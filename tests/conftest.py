@@ -9,7 +9,6 @@ from jaxtyping import install_import_hook
 import retarget.contact.kernels
 import retarget.contact.pair_kernels
 import retarget.contact.skin_kernels
-import retarget.motion.limit_kernels
 import retarget.evaluate.reference.ray_parity  # noqa: F401  (compiled loops: numba cannot take functions that are checked)
 
 hook = install_import_hook("retarget", "beartype.beartype")

@@ -12,8 +12,8 @@ from typing import Any
 from retarget.character import Motion
 from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import MOTION_SUFFIXES, THROUGH_BLENDER, WRITTEN_SUFFIXES, check_output, load
-from retarget.io.presets import Preset, preset
 from retarget.io.asset import Asset
+from retarget.io.presets import Preset, preset
 from retarget.io.whole_file import written_whole
 from retarget.methods import Result, save_results
 from retarget.motion.filter import cut, resample

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from retarget.methods.interaction.equations import Linearised, PoseEquations
-from retarget.methods.interaction.goals import ClipGoals, FrameGoals
+from retarget.methods.interaction.goals import FrameGoals
 
 Array = np.ndarray
 
