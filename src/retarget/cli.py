@@ -12,7 +12,24 @@ from typing import Annotated, Optional
 import typer
 
 from retarget import cli_files
-from retarget.cli_options import File, Json, SmplModel, Unit, Up, Verbose
+from retarget.cli_options import (
+    AnimationOnly,
+    ContactsFile,
+    File,
+    FootLock,
+    Fps,
+    InPlace,
+    Json,
+    MapFile,
+    MethodName,
+    SmplModel,
+    Steady,
+    TargetUnit,
+    TargetUp,
+    Unit,
+    Up,
+    Verbose,
+)  # fmt: skip
 from retarget.cli_options import listen as _listen
 from retarget.cli_options import say as _say
 from retarget.cli_view import report, view
@@ -80,23 +97,13 @@ def run(
     all_clips: Annotated[bool, typer.Option("--all-clips", help="Every clip of every motion file.")] = False,
     start: Annotated[Optional[float], typer.Option(help="First second to take.", show_default=False)] = None,
     end: Annotated[Optional[float], typer.Option(help="Last second to take.", show_default=False)] = None,
-    fps: Annotated[
-        Optional[float], typer.Option(help="Frame rate of the result (the source's if not given).", show_default=False)
-    ] = None,
-    method: Annotated[str, typer.Option(help="Method, by name.")] = "auto",
-    in_place: Annotated[bool, typer.Option("--in-place", help="Drop the horizontal path.")] = False,
-    foot_lock: Annotated[
-        bool, typer.Option("--foot-lock/--no-foot-lock", help="Hold what rests on the ground.")
-    ] = True,
-    steady: Annotated[
-        bool, typer.Option("--steady/--no-steady", help="Filter shake that the character's proportions would enlarge.")
-    ] = True,
-    animation_only: Annotated[
-        bool, typer.Option("--animation-only", help="Write joints and animation, no surface.")
-    ] = False,
-    contacts_file: Annotated[
-        Optional[Path], typer.Option("--contacts", help="Contacts file (see `retarget contacts`).", show_default=False)
-    ] = None,
+    fps: Fps = None,
+    method: MethodName = "auto",
+    in_place: InPlace = False,
+    foot_lock: FootLock = True,
+    steady: Steady = True,
+    animation_only: AnimationOnly = False,
+    contacts_file: ContactsFile = None,
     engine: Annotated[
         Optional[str],
         typer.Option("--for", help="Conventions of: unreal, unity, blender or godot.", show_default=False),
@@ -104,16 +111,12 @@ def run(
     show_report: Annotated[
         bool, typer.Option("--report", help="Also print what was corrected, where and by how much.")
     ] = False,
-    map_file: Annotated[
-        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
-    ] = None,
+    map_file: MapFile = None,
     smpl_model: SmplModel = None,
     up: Up = None,
     unit: Unit = None,
-    target_up: Annotated[Optional[str], typer.Option(help="Up axis of the character.", show_default=False)] = None,
-    target_unit: Annotated[
-        Optional[float], typer.Option(help="Metres per unit of the character.", show_default=False)
-    ] = None,
+    target_up: TargetUp = None,
+    target_unit: TargetUnit = None,
     as_json: Json = False,
     verbose: Verbose = False,
 ) -> None:

@@ -8,7 +8,26 @@ from typing import Annotated, Optional
 
 import typer
 
-from retarget.cli_options import File, Json, SmplModel, Unit, Up, Verbose, listen, say
+from retarget.cli_options import (
+    AnimationOnly,
+    ContactsFile,
+    File,
+    FootLock,
+    Fps,
+    InPlace,
+    Json,
+    MapFile,
+    MethodName,
+    SmplModel,
+    Steady,
+    TargetUnit,
+    TargetUp,
+    Unit,
+    Up,
+    Verbose,
+    listen,
+    say,
+)  # fmt: skip
 
 
 def convert(
@@ -47,32 +66,18 @@ def batch(
     ] = None,
     timeout: Annotated[float, typer.Option(help="Seconds that one clip may take; 0 for no limit.", min=0)] = 1800.0,
     suffix: Annotated[str, typer.Option(help="Format of the results: .glb or .bvh.")] = ".glb",
-    fps: Annotated[
-        Optional[float], typer.Option(help="Frame rate of the results (the source's if not given).", show_default=False)
-    ] = None,
-    method: Annotated[str, typer.Option(help="Method, by name.")] = "auto",
-    in_place: Annotated[bool, typer.Option("--in-place", help="Drop the horizontal path.")] = False,
-    foot_lock: Annotated[
-        bool, typer.Option("--foot-lock/--no-foot-lock", help="Hold what rests on the ground.")
-    ] = True,
-    steady: Annotated[
-        bool, typer.Option("--steady/--no-steady", help="Filter shake that the character's proportions would enlarge.")
-    ] = True,
-    animation_only: Annotated[
-        bool, typer.Option("--animation-only", help="Write joints and animation, no surface.")
-    ] = False,
-    contacts_file: Annotated[
-        Optional[Path], typer.Option("--contacts", help="Contacts file (see `retarget contacts`).", show_default=False)
-    ] = None,
-    map_file: Annotated[
-        Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
-    ] = None,
+    fps: Fps = None,
+    method: MethodName = "auto",
+    in_place: InPlace = False,
+    foot_lock: FootLock = True,
+    steady: Steady = True,
+    animation_only: AnimationOnly = False,
+    contacts_file: ContactsFile = None,
+    map_file: MapFile = None,
     up: Up = None,
     unit: Unit = None,
-    target_up: Annotated[Optional[str], typer.Option(help="Up axis of the characters.", show_default=False)] = None,
-    target_unit: Annotated[
-        Optional[float], typer.Option(help="Metres per unit of the characters.", show_default=False)
-    ] = None,
+    target_up: TargetUp = None,
+    target_unit: TargetUnit = None,
     as_json: Json = False,
     verbose: Verbose = False,
 ) -> None:

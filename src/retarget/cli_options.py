@@ -25,6 +25,25 @@ SmplModel = Annotated[
     ),
 ]
 
+Fps = Annotated[
+    Optional[float], typer.Option(help="Frame rate of results (the source's if not given).", show_default=False)
+]
+MethodName = Annotated[str, typer.Option("--method", help="Method, by name.")]
+InPlace = Annotated[bool, typer.Option("--in-place", help="Drop the horizontal path.")]
+FootLock = Annotated[bool, typer.Option("--foot-lock/--no-foot-lock", help="Hold what rests on the ground.")]
+Steady = Annotated[
+    bool, typer.Option("--steady/--no-steady", help="Filter shake that the character's proportions would enlarge.")
+]
+AnimationOnly = Annotated[bool, typer.Option("--animation-only", help="Write joints and animation, no surface.")]
+ContactsFile = Annotated[
+    Optional[Path], typer.Option("--contacts", help="Contacts file (see `retarget contacts`).", show_default=False)
+]
+MapFile = Annotated[
+    Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
+]
+TargetUp = Annotated[Optional[str], typer.Option(help="Up axis of the character.", show_default=False)]
+TargetUnit = Annotated[Optional[float], typer.Option(help="Metres per unit of the character.", show_default=False)]
+
 
 def listen(verbose: bool) -> None:
     """Warnings, and with `verbose` what was inferred, to standard error."""

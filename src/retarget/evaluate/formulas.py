@@ -64,6 +64,8 @@ FORMULAS = {
     "fbx_joint_mm": "largest distance of a joint, over real files, takes and frames, from where Blender's import has it (RETARGET_BPY_PYTHON names a Python with bpy)",
     "fbx_read_seconds_worst": "wall time of reading the slowest real FBX file",
     "validator_errors": "errors of the Khronos validator over all GLB files written for the round trips",
+    "batch_clips_per_minute": "results a minute of `retarget batch` with two processes, 20 real clips at 30 frames/s onto three characters",
+    "batch_lost": "over 20 kills of a batch at random moments, each started again: results missing, different, done twice, or files left behind",
     "mutations": "damaged files read, of the format with the fewest: a few bytes changed, cut, doubled, overwritten or cut off, seeded",
     "crashes": "damaged files that ended in anything but a result or one line; `hangs`: in neither within 30 s",
     # Of one result, as `retarget evaluate` judges it.

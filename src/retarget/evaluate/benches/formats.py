@@ -1,9 +1,12 @@
-"""The formats bench: what comes back of what is written, how files of others are read, what damaged files do."""
+"""The formats bench: what comes back of what is written, how files of others are read, what damaged files do, and what
+`retarget batch` achieves and loses."""
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -31,15 +34,21 @@ from retarget.progress import Tell, untold
 from retarget.retargeting import cast
 
 SEED = 1
-FORMATS = {"gltf": (".glb", ".gltf"), "vrm": (".vrm",), "fbx": (".fbx",)}
+FORMATS = {
+    "gltf": (".glb", ".gltf"), "vrm": (".vrm",), "usd": (".usda", ".usdc", ".usdz"), "fbx": (".fbx",),
+}  # fmt: skip
 """Suffixes of each format whose round trip is measured, where this machine can write it."""
 BODIES, MOTIONS = ("heavy", "child"), ("wave", "walk")
 FRAMES = (0, 7, 20)
 """Frames on which the whole skin is compared."""
 DAMAGED, FEW = 2000, 200
 """Damaged files of each format, and how many with `quick`."""
-SLOW = (".fbx",)
+SLOW = (".fbx", ".usda")
 """Formats whose reading starts a process for each file: with `quick` a tenth as many."""
+KILLS = 20
+CLIPS, CHARACTERS = 20, ("Knight.glb", "mannequiny.glb", "Barbarian.glb")
+"""Real clips and characters by which the speed of `retarget batch` is measured, on two processes."""
+BATCH_KILLS = REPOSITORY / "tests" / "batch_kills.py"
 BLENDER_READS = REPOSITORY / "tests" / "io" / "blender_reads_fbx.py"
 
 
@@ -53,6 +62,7 @@ def run(quick: bool = False, tell: Tell = untold) -> dict[str, Any]:
         tell("validator")
         errors = errors_found(written)
         damage = dict(_damage(folder, quick, tell))
+        batch = {} if quick else _batch(folder, tell)
     summary: dict[str, Any] = {}
     for kind in FORMATS:
         found = [case["mm"] for case in cases if case["format"] == kind]
@@ -63,6 +73,8 @@ def run(quick: bool = False, tell: Tell = untold) -> dict[str, Any]:
         "fbx_read_seconds_worst": max((each["seconds"] for each in read), default=None),
         "validator_errors": None if errors is None else sum(map(len, errors)),
         "validated_files": 0 if errors is None else len(errors),
+        "batch_clips_per_minute": batch.get("clips_per_minute"),
+        "batch_lost": batch.get("batch_lost"),
         "mutations": min(sum(vars(found).values()) for found in damage.values()),
         "crashes": sum(found.crashes for found in damage.values()),
         "hangs": sum(found.hangs for found in damage.values()),
@@ -211,3 +223,27 @@ def _damage(folder: Path, quick: bool, tell: Tell) -> Iterator[tuple[str, Outcom
         yield suffix, outcomes([seed], count, own, SEED)
         for each in own.iterdir():
             each.unlink()
+
+
+def _batch(folder: Path, tell: Tell) -> dict[str, float | None]:
+    """Clips a minute of folders onto folders, and what 20 kills at random moments lose."""
+    tell("batch")
+    motions, characters, own = folder / "motions", folder / "characters", folder / "batch"
+    for place in (motions, characters, own):
+        place.mkdir()
+    for path in [path for path in real_files(".bvh") if path.parent.name == "cmu_daz"][:CLIPS]:
+        (motions / path.name).symlink_to(path)
+    for path in real_files(".glb"):
+        if path.name in CHARACTERS:
+            (characters / path.name).symlink_to(path)
+    found: dict[str, float | None] = {"clips_per_minute": None}
+    if any(motions.iterdir()) and any(characters.iterdir()):
+        command = [sys.executable, "-m", "retarget", "batch", motions, characters, "-o", own, "--jobs", "2", "--fps", "30", "--json"]
+        done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
+        found["clips_per_minute"] = json.loads(done.stdout)["clips_per_minute"]
+    tell("batch, killed again and again")
+    killed = subprocess.run(
+        [sys.executable, str(BATCH_KILLS), "--kills", str(KILLS), "--seed", str(SEED)], capture_output=True, text=True
+    )
+    killed.check_returncode()
+    return found | {"batch_lost": json.loads(killed.stdout.splitlines()[-1])["batch_lost"]}
