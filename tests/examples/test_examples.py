@@ -56,6 +56,9 @@ def a_users_folder(tmp_path_factory) -> Path:
     names = tuple(f"knight_{name}" for name in knight.skeleton.names)
     knight = replace(knight, skeleton=replace(knight.skeleton, names=names))
     save(folder / "knight.glb", Similarity(np.array([0.0, 0.0, 0.0, 1.0]), 100.0).character(knight), [])
+    for name, file in (("captures", "dance.bvh"), ("characters", "knight.glb")):
+        (folder / name).mkdir()
+        (folder / name / file).write_bytes((folder / file).read_bytes())
     return folder
 
 
@@ -79,7 +82,7 @@ def test_the_snippet_of_the_readme_runs(a_users_folder):
 def test_the_commands_of_the_readme_run(a_users_folder):
     (a_users_folder / "knight_dance.glb").unlink(missing_ok=True)
     commands = [line.split("#")[0].split() for block in readme_blocks("sh") for line in block.splitlines()]
-    commands = [words[1:] for words in commands if words[:1] == ["retarget"]]
+    commands = [words[1:] for words in commands if words[:1] == ["retarget"] and words[1] != "view"]  # which waits for its user
     assert commands
     for words in commands:
         run(a_users_folder, sys.executable, "-m", "retarget", *words)

@@ -10,7 +10,8 @@ import binascii
 import json
 import re
 import struct
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
@@ -32,6 +33,7 @@ ROOM = 4_000_000
 
 # Extensions that change how a surface looks or add data we pass over; geometry and motion stay plain glTF.
 HARMLESS = {
+    "KHR_draco_mesh_compression",  # decoded by gltf_draco.py
     "KHR_mesh_quantization",
     "KHR_texture_transform",
     "KHR_texture_basisu",
@@ -46,7 +48,8 @@ HARMLESS = {
     "VRMC_node_constraint",
     "VRMC_materials_mtoon",
 }
-COMPRESSION = {"KHR_draco_mesh_compression": "Draco", "EXT_meshopt_compression": "meshopt"}
+DRACO = "KHR_draco_mesh_compression"
+COMPRESSION = {"EXT_meshopt_compression": "meshopt"}
 
 
 class MissingFileError(FileError):
@@ -65,6 +68,8 @@ class Document:
     """Chunks of a GLB beyond JSON and BIN, kept for the writer."""
     key_times: dict[int, Array] = field(default_factory=dict, repr=False)
     """Key times already read and checked, by accessor: the channels of a clip share a few of them."""
+    unpacked: Mapping[int, Array] = field(default_factory=dict, repr=False)
+    """Decoded data of accessors that the file holds in compressed form only (count, width)."""
 
     @property
     def room(self) -> int:
@@ -97,7 +102,9 @@ class Document:
         if accessor["type"] not in types:
             raise self.fail(f"is of type {accessor['type']}, {' or '.join(types)} is needed here", place)
         dtype, width, count = DTYPES[accessor["componentType"]], WIDTHS[accessor["type"]], accessor["count"]
-        if "bufferView" in accessor:
+        if number in self.unpacked:
+            stored = self.unpacked[number]
+        elif "bufferView" in accessor:
             stored = self._elements(
                 accessor["bufferView"], accessor.get("byteOffset", 0), count, width, dtype, place, True
             )
@@ -189,7 +196,12 @@ def read_document(path: Path) -> Document:
     except gltf_schema.Wrong as wrong:
         raise FileError(path, wrong.problem, wrong.place) from None
     buffers = tuple(_buffer(path, entry, i, binary) for i, entry in enumerate(document.get("buffers", [])))
-    return Document(path, document, buffers, chunks)
+    read = Document(path, document, buffers, chunks)
+    if DRACO in document.get("extensionsUsed", ()):
+        from retarget.io import gltf_draco
+
+        return replace(read, unpacked=gltf_draco.decode(read))
+    return read
 
 
 def _split_glb(path: Path, data: bytes) -> tuple[bytes, bytes | None, tuple[tuple[int, bytes], ...]]:

@@ -79,12 +79,6 @@ class Surface:
         self, node: int, primitive: dict, place: str, T_world_mesh: Array, columns: Array, skinned: bool
     ) -> None:
         attributes = primitive["attributes"]
-        if "bufferView" not in self.document.json["accessors"][attributes["POSITION"]] and (
-            "KHR_draco_mesh_compression" in primitive.get("extensions", ())
-        ):
-            raise self.document.fail(
-                "is compressed with Draco, which a later version will read; export it without compression", place
-            )
         points = self.document.floats(attributes["POSITION"], ("VEC3",))
         points = self._morphed(node, primitive, points, place)
         self.count += len(points)
