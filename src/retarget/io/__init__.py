@@ -19,10 +19,12 @@ READERS = {
     ".gltf": "retarget.io.gltf",
     ".obj": "retarget.io.obj_ply",
     ".ply": "retarget.io.obj_ply",
+    ".vrm": "retarget.io.gltf",
+    ".vrma": "retarget.io.gltf",
 }
-MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf")
+MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".vrm", ".vrma")
 """Formats that can hold animation."""
-WRITTEN_SUFFIXES = (".bvh", ".glb", ".gltf")
+WRITTEN_SUFFIXES = (".bvh", ".glb", ".gltf", ".vrm")
 """Those of them that are written."""
 
 
@@ -49,7 +51,7 @@ def load(path: str | Path) -> Asset:
 def save(
     path: str | Path, character: Character, motions: Sequence[Motion], *, animation_only: bool = False, **options: Any
 ) -> None:
-    """Write a character with its motions (glTF), or one motion alone (BVH).
+    """Write a character with its motions (glTF, VRM), or one motion alone (BVH).
 
     The file appears whole or not at all. Raises `FileError` for a suffix that cannot hold it or a folder that cannot be
     written.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -44,6 +44,8 @@ class Asset:
     """The cloud of a file of kind 'points'."""
     clips: tuple[Clip, ...] = ()
     convention: Convention = field(default_factory=Convention)
+    humanoid: Mapping[str, str] | None = None
+    """The human that the file itself names (VRM): humanoid joint to joint name, as in a map file; None where it is silent."""
     notes: tuple[str, ...] = ()
     """Faults found, repairs made and content passed over, one sentence each."""
     read_clip: Callable[[int], Motion] | None = None

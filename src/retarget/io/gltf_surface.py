@@ -79,12 +79,6 @@ class Surface:
         self, node: int, primitive: dict, place: str, T_world_mesh: Array, columns: Array, skinned: bool
     ) -> None:
         attributes = primitive["attributes"]
-        if "bufferView" not in self.document.json["accessors"][attributes["POSITION"]] and (
-            "KHR_draco_mesh_compression" in primitive.get("extensions", ())
-        ):
-            raise self.document.fail(
-                "is compressed with Draco, which a later version will read; export it without compression", place
-            )
         points = self.document.floats(attributes["POSITION"], ("VEC3",))
         points = self._morphed(node, primitive, points, place)
         self.count += len(points)
@@ -99,7 +93,8 @@ class Surface:
             read = read_influences(self.document, attributes, len(points), len(columns), place)
             for fault in read.faults:
                 self._note(fault)
-            if not read.clean:
+            # Compressed weights stay as they are: quantised, their sums are off, and every reader scales them.
+            if not read.clean and attributes["WEIGHTS_0"] not in self.document.filled:
                 self.repaired[attributes["JOINTS_0"], attributes["WEIGHTS_0"]] = read
             self.columns.append(columns[read.joints])
             self.weights.append(read.weights)

@@ -14,6 +14,7 @@ from retarget.errors import FileError, RetargetError
 from retarget.io.gltf_build import add_influences, add_matrices, bare_document, character_document
 from retarget.io.gltf_draft import Draft, write_files
 from retarget.io.gltf_nodes import GltfOrigin, Rig, node_transform
+from retarget.io.vrm import is_vrm
 
 Array = np.ndarray
 
@@ -32,15 +33,20 @@ def save(
     appended as animations, in terms of its own nodes (which is why its mesh and skin are taken from there, whatever
     the character holds now). What had to be repaired on reading is written repaired, behind the faulty data.
     `keep_clips=False` leaves out the clips it had. Any other character is written anew. `animation_only` writes the
-    joints and the motions: no surface, no pictures, no earlier clips.
+    joints and the motions: no surface, no pictures, no earlier clips. A .vrm is a GLB of a character that came from a VRM,
+    whole.
 
     Raises `RetargetError` if a motion belongs to another skeleton or has no frames, `FileError` if `path` cannot be
     written. The file appears whole or not at all.
     """
     path = Path(path)
-    if path.suffix.lower() not in (".glb", ".gltf"):
+    suffix = path.suffix.lower()
+    if suffix not in (".glb", ".gltf", ".vrm"):
         raise FileError(path, f"glTF is written as .glb or .gltf, received the suffix {path.suffix!r}")
     origin = character.origin if isinstance(character.origin, GltfOrigin) else None
+    if suffix == ".vrm" and (animation_only or origin is None or not is_vrm(origin.document)):
+        problem = "animation alone is no VRM" if animation_only else "the character came from no VRM, whose licence and humanoid it would need"
+        raise FileError(path, f"{problem}; write a .glb")
     if origin is not None:
         _check_skeleton("the character", character.skeleton, origin.skeleton)
     for motion in motions:
@@ -60,7 +66,7 @@ def save(
         for motion in motions:
             append_motion(draft, rig, motion, held)
     draft.json["asset"]["generator"] = "retarget"
-    write_files(draft.glb(path) if path.suffix.lower() == ".glb" else draft.gltf(path))
+    write_files(draft.gltf(path) if suffix == ".gltf" else draft.glb(path))
 
 
 def _check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:
