@@ -43,7 +43,7 @@ HARMLESS = {
     "VRM",
     # Compressed data, which `view` and `gltf_draco` unfold.
     "KHR_draco_mesh_compression",
-    meshopt.EXTENSION,
+    *meshopt.EXTENSIONS,
 }
 
 
@@ -86,7 +86,7 @@ class Document:
         """The bytes of a buffer view, unfolded where it is compressed. Raises `FileError` where it reaches beyond its
         buffer, or where compressed data are damaged."""
         view = self.json["bufferViews"][number]
-        packed = view.get("extensions", {}).get(meshopt.EXTENSION)
+        packed = meshopt.compression(view)
         if packed is None:
             return self._bytes(view, number, place)
         if number not in self.unfolded:
@@ -98,7 +98,7 @@ class Document:
         where = f"{place} (bufferViews[{number}])"
         if view["byteLength"] != count * stride or view.get("byteStride", stride) != stride:
             raise self.fail(f"{count} compressed elements of {stride} bytes are not what the view describes", where)
-        if sum(map(len, self.unfolded.values())) + count * stride > meshopt.MOST_UNFOLDED * sum(map(len, self.buffers)):
+        if sum(map(len, self.unfolded.values())) + count * stride > meshopt.most_unfolded(sum(map(len, self.buffers))):
             raise self.fail("compressed data unfold to more than they can hold, or are shown again and again", where)
         stream = bytes(self._bytes(packed, number, place))
         try:
@@ -299,7 +299,7 @@ def _stand_ins(document: dict[str, Any]) -> set[int]:
     """Buffers that only give compressed views a place to stand: all that refers to them is compressed."""
     standing, used = set(), set()
     for view in document.get("bufferViews", ()):
-        packed = view.get("extensions", {}).get(meshopt.EXTENSION)
+        packed = meshopt.compression(view)
         (used if packed is None else standing).add(view["buffer"])
         if packed is not None:
             used.add(packed["buffer"])

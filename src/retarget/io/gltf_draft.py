@@ -187,10 +187,11 @@ def _real_buffers_first(document: Document, copied: dict[str, Any]) -> Document:
     copied["buffers"] = [copied["buffers"][old] for old in order]
     for position, view in enumerate(copied.get("bufferViews", ())):
         view = {**view, "buffer": number[view["buffer"]]}
-        packed = view.get("extensions", {}).get(meshopt.EXTENSION)
-        if packed is not None:
-            moved = {**packed, "buffer": number[packed["buffer"]]}
-            view["extensions"] = {**view["extensions"], meshopt.EXTENSION: moved}
+        for name in meshopt.EXTENSIONS:
+            if name in view.get("extensions", {}):
+                packed = view["extensions"][name]
+                moved = {**packed, "buffer": number[packed["buffer"]]}
+                view["extensions"] = {**view["extensions"], name: moved}
         copied["bufferViews"][position] = view
     return replace(document, buffers=tuple(document.buffers[old] for old in order))
 

@@ -244,7 +244,7 @@ DOCUMENT = record(
                     "byteOffset": natural,
                     "byteLength": natural,
                     "byteStride": natural,
-                    "extensions": record({meshopt.EXTENSION: MESHOPT}),
+                    "extensions": record(dict.fromkeys(meshopt.EXTENSIONS, MESHOPT)),
                 },
                 ("buffer", "byteLength"),
             )
