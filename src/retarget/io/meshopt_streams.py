@@ -44,12 +44,16 @@ def attributes(data: bytes, count: int, stride: int) -> UInt8[Array, "count stri
     bytes of the element what a difference is. Raises `MeshoptError`.
     """
     block = min(8192 // stride // GROUP * GROUP, 256)
-    blocks = [block] * (count // block) + [count % block] * (count % block > 0)
     new = data[:1] == b"\xa1"
     last = stride + (stride // 4 if new else 0)
     tail = max(last, 24 if new else 32)
-    heads = len(blocks) if new else sum(-(-each // (4 * GROUP)) for each in blocks)
-    _check_room(data, (0xA0, 0xA1), tail, (stride // 4 if new else stride) * heads)
+    # The least that elements take: what stands at the head of every block, or of every byte of it.
+    if new:
+        least = stride // 4 * -(-count // block)
+    else:
+        least = stride * (count // block * -(-block // (4 * GROUP)) + -(-(count % block) // (4 * GROUP)))
+    _check_room(data, (0xA0, 0xA1), tail, least)
+    blocks = [block] * (count // block) + [count % block] * (count % block > 0)
     starts, widths = _groups(data, stride, blocks, len(data) - tail, new)
     deltas = _deltas(np.frombuffer(data, np.uint8), starts, widths)
     planes = np.empty((count, stride), np.uint8)
@@ -75,7 +79,7 @@ def _summed(deltas: UInt8[Array, "count 4"], first: UInt8[Array, "4"], channel: 
     if channel & 15 != 2:
         raise MeshoptError(f"a channel is of the unknown mode {channel:#04x}")
     bits = deltas.view("<u4")
-    turned = (bits >> turn) | (bits << (32 - turn)) if turn else bits  # the text tells how they were turned; this is back
+    turned = (bits >> turn) | (bits << (32 - turn)) if turn else bits  # back from where the encoder turned them
     return (np.bitwise_xor.accumulate(turned, axis=0) ^ first.view("<u4")).astype("<u4").view(np.uint8)
 
 
