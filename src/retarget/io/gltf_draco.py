@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
+from retarget.errors import FileError
 from retarget.io.child import ChildError, ChildTimeout, run_child
 from retarget.io.gltf_document import DTYPES, WIDTHS, Document
 
@@ -61,7 +62,12 @@ def decompressed(document: Document) -> Document:
     for part in parts:
         answer = found[views.index(part.view)]
         for accessor, attribute in part.accessors.items():
-            values = _filled(document, part, answer, data, accessor, attribute)
+            try:
+                values = _filled(document, part, answer, data, accessor, attribute)
+            except FileError:
+                raise
+            except (KeyError, TypeError, ValueError):  # not of the form that the child gives
+                raise document.fail("the Draco decoder gave no usable answer") from None
             if accessor in filled and not np.array_equal(filled[accessor], values):
                 raise document.fail("is filled with different data by two Draco primitives", f"accessors[{accessor}]")
             filled[accessor] = values
