@@ -44,7 +44,9 @@ def vrm(path, version="1.0", preset="thin", motions=(), change=None):
             "humanoid": {"humanBones": bones}, "secondaryAnimation": {"boneGroups": [{"stiffiness": 0.7, "bones": [3]}]},
             "materialProperties": [{"name": "skin", "shader": "VRM/MToon"}],
         }}  # fmt: skip
-        document["nodes"].append({"name": "turned", "rotation": [0, 1, 0, 0], "children": document["scenes"][0]["nodes"]})
+        document["nodes"].append(
+            {"name": "turned", "rotation": [0, 1, 0, 0], "children": document["scenes"][0]["nodes"]}
+        )
         document["scenes"][0]["nodes"] = [len(document["nodes"]) - 1]
     else:
         name = "VRMC_vrm" if version == "1.0" else "VRMC_vrm_animation"
@@ -56,7 +58,9 @@ def vrm(path, version="1.0", preset="thin", motions=(), change=None):
             document["extensions"]["VRMC_springBone"] = {"specVersion": "1.0", "springs": springs}
             document["nodes"][5]["extensions"] = {"VRMC_node_constraint": {"constraint": {"roll": {"source": 4}}}}
             for material in document["materials"]:
-                material["extensions"] = {"VRMC_materials_mtoon": {"specVersion": "1.0", "shadeColorFactor": [0.3, 0.2, 0.1]}}
+                material["extensions"] = {
+                    "VRMC_materials_mtoon": {"specVersion": "1.0", "shadeColorFactor": [0.3, 0.2, 0.1]}
+                }
     document["extensionsUsed"] = list(document["extensions"])
     if change is not None:
         change(document)

@@ -60,6 +60,8 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
 
         settings["contacts"] = read_contacts(order.contacts)
     target = cast(order.target, target_hints)
+    if not one_file_each:
+        check_output(order.output, target.original, order.animation_only)
     done, waiting = [], []
     with progress_line(progress, len(files)) as tell:
         for number, file in enumerate(files):
@@ -95,7 +97,7 @@ def _result_files(files: list[Path], order: Order) -> list[Path]:
         )
     names: dict[Path, Path] = {}
     for file in files:
-        name = order.output / f"{file.stem}_{order.target.stem}{_suffix(order.target)}"
+        name = order.output / f"{file.stem}_{order.target.stem}{_suffix(order)}"
         if name in names:
             raise FileError(
                 name, f"two results would have this name, of {names[name]} and of {file}; rename one, or run them apart"
@@ -110,8 +112,11 @@ def _write(path: Path, waiting: list[Result], order: Order, done: list[dict]) ->
         each["output"] = str(path)
 
 
-def _suffix(target: Path) -> str:
-    return target.suffix.lower() if target.suffix.lower() in WRITTEN_SUFFIXES else ".glb"
+def _suffix(order: Order) -> str:
+    suffix = order.target.suffix.lower()
+    if suffix == ".vrm" and order.animation_only:  # joints alone are no VRM
+        return ".glb"
+    return suffix if suffix in WRITTEN_SUFFIXES else ".glb"
 
 
 def _motion_files(inputs: tuple[Path, ...]) -> Iterator[Path]:

@@ -194,7 +194,9 @@ def test_values_that_are_not_one_a_vertex_are_refused(tmp_path, monkeypatch):
     primitive(packed.json)["extensions"][EXTENSION]["attributes"] = {"POSITION": 20}
     child = tmp_path / "child.py"
     answer = {"points": 54, "faces": [0, "<u4", 0, 3], "attributes": {20: [0, "<f4", 53, 3]}}
-    child.write_text(f"def convert(source, output):\n    open(output, 'wb').write(bytes(4000))\n    return [{answer!r}]\n")
+    child.write_text(
+        f"def convert(source, output):\n    open(output, 'wb').write(bytes(4000))\n    return [{answer!r}]\n"
+    )
     monkeypatch.setattr(gltf_draco, "CHILD", child)
     with pytest.raises(FileError, match="have 53 values for 54 vertices"):
         gltf.load(packed.glb(tmp_path / "draco.glb"))

@@ -2,6 +2,7 @@
 
 import json
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from made_motions import body, walk
 from typer.testing import CliRunner
 from vrm_maker import old_name, split, vrm
 
-from retarget import cli
+from retarget import cli, commands
 from retarget.body.kinematics import world_pose
 from retarget.correspond.joints import HUMANOID_JOINTS, REQUIRED_JOINTS
 from retarget.errors import FileError, RetargetError
@@ -66,7 +67,10 @@ def test_the_file_is_believed_against_what_shape_tells(tmp_path):
 
     def change(document):
         bones = document["extensions"]["VRMC_vrm"]["humanoid"]["humanBones"]
-        bones["leftIndexProximal"], bones["leftMiddleProximal"] = bones["leftMiddleProximal"], bones["leftIndexProximal"]
+        bones["leftIndexProximal"], bones["leftMiddleProximal"] = (
+            bones["leftMiddleProximal"],
+            bones["leftIndexProximal"],
+        )
 
     straight, crossed = cast(vrm(tmp_path / "a.vrm")), cast(vrm(tmp_path / "b.vrm", change=change))
     assert crossed.humanoid.joints["leftIndexProximal"] == straight.humanoid.joints["leftMiddleProximal"]
@@ -84,7 +88,15 @@ def test_a_map_of_the_user_wins(files):
 @pytest.mark.parametrize("output", ["out.vrm", "out.glb"])
 @pytest.mark.parametrize("source", ["walk.bvh", "walk.vrma"])
 def test_a_written_avatar_keeps_all_that_the_file_holds(files, tmp_path, avatar, output, source):
-    arguments = ["run", str(files / source), str(files / avatar), "-o", str(tmp_path / output), "--method", "copy-rotations"]
+    arguments = [
+        "run",
+        str(files / source),
+        str(files / avatar),
+        "-o",
+        str(tmp_path / output),
+        "--method",
+        "copy-rotations",
+    ]
     done = CliRunner().invoke(cli.app, arguments)
     assert done.exit_code == 0, done.output
     (old, held), (new, kept) = split(files / avatar), split(tmp_path / output)
@@ -126,6 +138,29 @@ def test_a_vrm_needs_a_vrm(files, tmp_path):
     with pytest.raises(FileError, match="cannot write '.vrma'"):
         result.save(tmp_path / "out.vrma")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_command_line_refuses_a_vrm_before_it_works(files, tmp_path, monkeypatch):
+    save(tmp_path / "plain.glb", body(), [])
+    monkeypatch.setattr(commands, "prepare", None)  # nothing comes that far
+    order = commands.Order((files / "walk.bvh",), tmp_path / "plain.glb", tmp_path / "a.vrm")
+    with pytest.raises(FileError, match="came from no VRM"):
+        commands.run_order(order)
+    with pytest.raises(FileError, match="animation alone is no VRM"):
+        commands.run_order(replace(order, target=files / "new.vrm", animation_only=True))
+
+
+def test_animation_alone_goes_into_a_folder_as_glb(files, tmp_path):
+    arguments = [
+        "run",
+        str(files / "walk.bvh"),
+        str(files / "new.vrm"),
+        "-o",
+        str(tmp_path / "out"),
+        "--animation-only",
+    ]
+    assert CliRunner().invoke(cli.app, [*arguments, "--method", "copy-rotations"]).exit_code == 0
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["walk_new.glb"]
 
 
 def test_what_is_no_glb_is_refused(tmp_path):

@@ -73,8 +73,9 @@ def save(
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
 
 
-def check_output(path: str | Path) -> None:
-    """Refuse an output that could not be written, before any work is done. Raises `FileError`."""
+def check_output(path: str | Path, character: Character | None = None, animation_only: bool = False) -> None:
+    """Refuse an output that could not be written, or could not hold the character, before any work is done. Raises
+    `FileError`."""
     path = Path(path)
     if path.suffix.lower() not in WRITTEN_SUFFIXES:
         raise FileError(
@@ -84,3 +85,5 @@ def check_output(path: str | Path) -> None:
         raise FileError(path, "is a folder")
     if not path.parent.is_dir():
         raise FileError(path, f"the folder {path.parent} does not exist")
+    if character is not None and path.suffix.lower() == ".vrm":
+        importlib.import_module("retarget.io.gltf_write").check_holds(path, character, animation_only)

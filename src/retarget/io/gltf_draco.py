@@ -73,7 +73,9 @@ def decompressed(document: Document) -> Document:
             filled[accessor] = values
             told = document.json["accessors"][accessor]["count"]
             if len(values) != told:
-                notes.append(f"accessor {accessor} declares {told} elements, its Draco data hold {len(values)}; these are read")
+                notes.append(
+                    f"accessor {accessor} declares {told} elements, its Draco data hold {len(values)}; these are read"
+                )
     return replace(document, filled=filled, notes=(*document.notes, *notes))
 
 
@@ -104,7 +106,9 @@ def _decode(document: Document, source: Path, output: Path) -> Any:
     try:
         return run_child(CHILD, source, output, SECONDS)
     except ChildTimeout:
-        problem = f"its Draco data take longer than {SECONDS:g} s to decode; they are damaged, or larger than any we know"
+        problem = (
+            f"its Draco data take longer than {SECONDS:g} s to decode; they are damaged, or larger than any we know"
+        )
     except ChildError as error:
         problem = f"its Draco data cannot be decoded ({error}); export it again, without compression if that persists"
         if "No module named 'DracoPy'" in str(error):

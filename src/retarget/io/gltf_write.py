@@ -43,10 +43,8 @@ def save(
     suffix = path.suffix.lower()
     if suffix not in (".glb", ".gltf", ".vrm"):
         raise FileError(path, f"glTF is written as .glb or .gltf, received the suffix {path.suffix!r}")
+    check_holds(path, character, animation_only)
     origin = character.origin if isinstance(character.origin, GltfOrigin) else None
-    if suffix == ".vrm" and (animation_only or origin is None or not is_vrm(origin.document)):
-        problem = "animation alone is no VRM" if animation_only else "the character came from no VRM, whose licence and humanoid it would need"
-        raise FileError(path, f"{problem}; write a .glb")
     if origin is not None:
         _check_skeleton("the character", character.skeleton, origin.skeleton)
     for motion in motions:
@@ -67,6 +65,16 @@ def save(
             append_motion(draft, rig, motion, held)
     draft.json["asset"]["generator"] = "retarget"
     write_files(draft.gltf(path) if suffix == ".gltf" else draft.glb(path))
+
+
+def check_holds(path: Path, character: Character, animation_only: bool) -> None:
+    """Refuse a .vrm for what is none, before any work is done. Raises `FileError`."""
+    if path.suffix.lower() != ".vrm":
+        return
+    if animation_only:
+        raise FileError(path, "animation alone is no VRM; write a .glb")
+    if not isinstance(character.origin, GltfOrigin) or not is_vrm(character.origin.document):
+        raise FileError(path, "the character came from no VRM, whose humanoid and terms of use it would need; write a .glb")
 
 
 def _check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:

@@ -99,7 +99,9 @@ def quaternions(packed: Int16[Array, "count 4"]) -> Int16[Array, "count 4"]:
 
 def exponential(packed: Int32[Array, "count width"]) -> Array:
     """Single precision numbers from 24 bits of mantissa and 8 of exponent."""
-    with np.errstate(over="ignore", under="ignore"):  # damaged exponents; what is not finite is refused where it is used
+    with np.errstate(
+        over="ignore", under="ignore"
+    ):  # damaged exponents; what is not finite is refused where it is used
         return np.ldexp((packed << 8 >> 8).astype(np.float32), packed >> 24).astype("<f4")
 
 

@@ -66,7 +66,9 @@ def attributes(data: bytes, count: int, stride: int) -> UInt8[Array, "count stri
     first = np.frombuffer(data, np.uint8, stride, len(data) - last)
     channels = data[len(data) - last + stride :] if new else bytes(stride // 4)
     parts = zip(np.split(planes, stride // 4, axis=1), np.split(first, stride // 4), channels)
-    return np.concatenate([_summed(np.ascontiguousarray(part), start, channel) for part, start, channel in parts], axis=1)
+    return np.concatenate(
+        [_summed(np.ascontiguousarray(part), start, channel) for part, start, channel in parts], axis=1
+    )
 
 
 def _summed(deltas: UInt8[Array, "count 4"], first: UInt8[Array, "4"], channel: int) -> UInt8[Array, "count 4"]:
@@ -90,7 +92,9 @@ def _groups(
 
     A value that has all its bits set stands for a byte behind the group, so the length of each is known when it is met.
     """
-    padded = data + bytes(32 * max(blocks, default=0) + 64)  # one byte's groups may run over the end before it is caught
+    padded = data + bytes(
+        32 * max(blocks, default=0) + 64
+    )  # one byte's groups may run over the end before it is caught
     raw = np.frombuffer(padded, np.uint8)
     sizes = {0: bytes(len(raw)), 2: _lengths(raw, 2), 4: _lengths(raw, 4), 8: bytes([GROUP]) * len(raw)}
     if new:

@@ -74,7 +74,9 @@ def named_bones(document: Document) -> NamedBones | None:
     try:
         entries = list(_entries(extension, held[extension]))
     except (TypeError, KeyError, AttributeError):
-        return NamedBones({}, extension, (f"the humanoid of {EXTENSIONS[extension]} cannot be read and is passed over",))
+        return NamedBones(
+            {}, extension, (f"the humanoid of {EXTENSIONS[extension]} cannot be read and is passed over",)
+        )
     for bone, node in entries:
         name = RENAMED.get(bone, bone) if extension == "VRM" else bone
         if name not in BONES:
