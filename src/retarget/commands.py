@@ -72,6 +72,8 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     if order.smpl_model is not None and not any(file.suffix.lower() == ".npz" for file in files):
         raise RetargetError(f"--smpl-model {order.smpl_model} is for motions in .npz, and none is given")
     target = cast(order.target, target_hints)
+    if not one_file_each:
+        check_output(order.output, target.original, order.animation_only)
     done, waiting = [], []
     with progress_line(progress, len(files)) as tell:
         for number, file in enumerate(files):
@@ -130,6 +132,8 @@ def _suffix(order: Order) -> str:
     if order.preset is not None:
         return order.preset.suffix
     own = order.target.suffix.lower()
+    if own == ".vrm" and order.animation_only:  # joints alone are no VRM
+        return ".glb"
     return own if own in WRITTEN_SUFFIXES and own not in THROUGH_BLENDER else ".glb"
 
 

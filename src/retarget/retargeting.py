@@ -49,32 +49,48 @@ def cast(subject: str | Path | Asset | Character, hints: Hints | None = None, mo
     humanoid and `FileError` for a file without skeleton.
     """
     hints = hints or Hints()
+    named = None
     if isinstance(subject, Character):
-        character, convention, joints = subject, Convention(1.0, "+y"), hints.joints
+        character, convention = subject, Convention(1.0, "+y")
     else:
         asset = open_asset(subject)
         if asset.character is None:
             problem = f"holds a {asset.kind} without skeleton; a rigged character (glTF with a skin) or a BVH is needed"
             raise FileError(asset.path, problem)
-        character, convention, joints = asset.character, asset.convention, hints.joints or asset.humanoid
-    humanoid = _humanoid(character, joints)
+        character, convention, named = asset.character, asset.convention, asset.humanoid
+    humanoid, notes = _humanoid(character, hints.joints, named)
     surface = rest_vertices(character) if character.skin is not None else None
-    return make_actor(character, humanoid, convention, motion, up=hints.up, unit=hints.unit, rest_surface=surface)
+    actor = make_actor(character, humanoid, convention, motion, up=hints.up, unit=hints.unit, rest_surface=surface)
+    return replace(actor, notes=(*notes, *actor.notes))
 
 
-def _humanoid(character: Character, joints: Mapping[str, str] | None) -> Humanoid:
+def _humanoid(
+    character: Character, told: Mapping[str, str] | None, named: Mapping[str, str] | None
+) -> tuple[Humanoid, tuple[str, ...]]:
+    """The humanoid by the map that the user told, else by the one that the file names, else matched; with notes."""
+    skeleton, notes = character.skeleton, ()
     try:
-        humanoid = humanoid_from_names(character.skeleton, joints) if joints else match_humanoid(character.skeleton)
-        missing = tuple(name for name in NEEDED if name not in humanoid.joints)
-        if missing:
-            lines = ", ".join(f'{name} = "name of the joint"' for name in missing)
-            raise MatchError(
-                f"no joint was found for {', '.join(missing)}; name what the body has in a map file, a line each: {lines}",
-                missing,
-            )
-        return humanoid
+        if not told and named:
+            try:
+                return replace(_complete(humanoid_from_names(skeleton, named)), evidence="the file"), ()
+            except MatchError as error:
+                missing = ", ".join(error.missing)
+                notes = (f"the humanoid that the file names lacks {missing}: its joints are matched by names and shape",)
+        return _complete(humanoid_from_names(skeleton, told) if told else match_humanoid(skeleton)), notes
     except MatchError as error:
         raise MatchError(f"{character.name}: {error}" if character.name else str(error), error.missing) from None
+
+
+def _complete(humanoid: Humanoid) -> Humanoid:
+    """The humanoid, if it has all the limbs that methods move. Raises `MatchError`."""
+    missing = tuple(name for name in NEEDED if name not in humanoid.joints)
+    if missing:
+        lines = ", ".join(f'{name} = "name of the joint"' for name in missing)
+        raise MatchError(
+            f"no joint was found for {', '.join(missing)}; name what the body has in a map file, a line each: {lines}",
+            missing,
+        )
+    return humanoid
 
 
 def choose_method(name: str = "auto", settings: Mapping[str, Any] | None = None) -> Method:

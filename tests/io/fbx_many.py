@@ -11,10 +11,10 @@ import resource
 import sys
 from pathlib import Path
 
-from retarget.io import fbx_child
+from retarget.io import child, fbx_child
 
 folder, first, last = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
-resource.setrlimit(resource.RLIMIT_AS, (fbx_child.MEMORY, fbx_child.MEMORY))
+resource.setrlimit(resource.RLIMIT_AS, (child.MEMORY, child.MEMORY))
 for number in range(first, last):
     try:
         fbx_child.convert(str(folder / f"{number}.fbx"), str(folder / f"{number}.glb"))

@@ -58,7 +58,7 @@ class Humanoid:
     axes: Float[Array, "3 3"]
     """Rows: the body's left, up and forward in the skeleton's rest world space, unit and orthogonal."""
     evidence: str
-    """What the match rests on: 'names', 'shape', 'names and shape' or 'map'."""
+    """What the match rests on: 'names', 'shape', 'names and shape', 'map', or 'the file' that names its humanoid (VRM)."""
 
 
 def match_humanoid(skeleton: Skeleton) -> Humanoid:

@@ -25,8 +25,9 @@ READERS = {
     ".usdc": "retarget.io.usd",
     ".usdz": "retarget.io.usd",
     ".vrm": "retarget.io.gltf",
+    ".vrma": "retarget.io.gltf",
 }
-MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".npz", ".usd", ".usda", ".usdc", ".usdz", ".vrm")
+MOTION_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".npz", ".usd", ".usda", ".usdc", ".usdz", ".vrm", ".vrma")
 """Formats that can hold animation."""
 WRITERS = {
     ".bvh": "retarget.io.bvh",
@@ -79,7 +80,7 @@ def load(path: str | Path, *, smpl_model: str | Path | None = None) -> Asset:
 def save(
     path: str | Path, character: Character, motions: Sequence[Motion], *, animation_only: bool = False, **options: Any
 ) -> None:
-    """Write a character with its motions (glTF, USD, FBX), one motion alone (BVH), or the surface that it moves (Alembic).
+    """Write a character with its motions (glTF, VRM, USD, FBX), one motion alone (BVH), or the surface that it moves (Alembic).
     `options` are the writer's own: see `save` of the modules in `WRITERS`.
 
     The file appears whole or not at all. Raises `FileError` for a suffix that cannot hold it, for a folder that cannot be
@@ -119,8 +120,9 @@ def save_sequence(path: str | Path, motion: MeshMotion) -> None:
         raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, not as {path.suffix!r}")
 
 
-def check_output(path: str | Path) -> None:
-    """Refuse an output that could not be written, before any work is done. Raises `FileError`."""
+def check_output(path: str | Path, character: Character | None = None, animation_only: bool = False) -> None:
+    """Refuse an output that could not be written, or could not hold the character, before any work is done. Raises
+    `FileError`."""
     path = Path(path)
     if path.suffix.lower() not in WRITTEN_SUFFIXES:
         raise FileError(
@@ -134,3 +136,5 @@ def check_output(path: str | Path) -> None:
         raise FileError(path, f"the folder {path.parent} does not exist")
     if path.suffix.lower() in THROUGH_BLENDER:
         importlib.import_module("retarget.io.blender").blender(path)
+    if character is not None and path.suffix.lower() == ".vrm":
+        importlib.import_module("retarget.io.gltf_write").check_holds(path, character, animation_only)

@@ -46,10 +46,10 @@ class Asset:
     """The moving surface of a 'mesh sequence'."""
     clips: tuple[Clip, ...] = ()
     convention: Convention = field(default_factory=Convention)
+    humanoid: Mapping[str, str] | None = None
+    """The human that the file itself names (VRM): humanoid joint to joint name, as in a map file; None where it is silent."""
     notes: tuple[str, ...] = ()
     """Faults found, repairs made and content passed over, one sentence each."""
-    humanoid: Mapping[str, str] | None = None
-    """Canonical name to joint name, where the file itself says which joints are which (VRM)."""
     plays: int | None = None
     """The clip that the file itself plays, where its format says so (USD); appended ones stand last in all others."""
     read_clip: Callable[[int], Motion] | None = None

@@ -1,15 +1,13 @@
 """FBX, read by ufbx in a process of its own and taken as the glTF it would be.
 
 The binding of ufbx can take the whole process down with it, and FBX files come from everywhere: `fbx_child.py` runs under
-limits of memory and time, writes a GLB, and what it cannot read is one line here. From there on the file is a glTF document:
-one reader interprets bind poses, scales, clips and weights, and a result is written as GLB with the character as it was.
+limits of memory and time (`child.py`), writes a GLB, and what it cannot read is one line here. From there on the file is a
+glTF document: one reader interprets bind poses, scales, clips and weights, and a result is written as GLB with the character
+as it was.
 """
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +16,7 @@ from typing import Any
 from retarget.errors import FileError
 from retarget.io import gltf
 from retarget.io.asset import Asset
+from retarget.io.child import ChildError, ChildTimeout, run_child
 from retarget.io.gltf_document import read_document
 
 CHILD = Path(__file__).with_name("fbx_child.py")
@@ -47,16 +46,12 @@ def load(path: str | Path) -> Asset:
 
 def _convert(path: Path, output: Path) -> dict[str, Any]:
     """Run the child; returns what it says of the file."""
-    command = [sys.executable, "-I", str(CHILD), str(path.resolve()), str(output)]
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=SECONDS, stdin=subprocess.DEVNULL
-        )
-    except subprocess.TimeoutExpired:
-        raise FileError(path, f"takes longer than {SECONDS:g} s to read; it is damaged, or larger than any we know") from None
-    if done.returncode == 0 and output.exists():
-        return json.loads(done.stdout)
-    if "No module named 'ufbx'" in done.stderr:
-        raise FileError(path, "needs the package ufbx to be read: pip install ufbx==0.0.5")
-    reason = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "the reader stopped without a word"
-    raise FileError(path, f"cannot be read as FBX ({reason}); export it again, as binary FBX 7.4 or as GLB")
+        return run_child(CHILD, path.resolve(), output, SECONDS)
+    except ChildTimeout:
+        problem = f"takes longer than {SECONDS:g} s to read; it is damaged, or larger than any we know"
+    except ChildError as error:
+        problem = f"cannot be read as FBX ({error}); export it again, as binary FBX 7.4 or as GLB"
+        if "No module named 'ufbx'" in str(error):
+            problem = "needs the package ufbx to be read: pip install ufbx==0.0.5"
+    raise FileError(path, problem)

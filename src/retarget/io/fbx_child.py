@@ -1,32 +1,24 @@
-"""Runs in a process of its own: one FBX file, read by ufbx, written as the GLB it would be.
+"""Runs in a process of its own (`child.py`): one FBX file, read by ufbx, written as the GLB it would be.
 
-    python -I fbx_child.py FILE.fbx OUT.glb
-
-Prints one line of JSON about the file. Exit code 3: the file cannot be read, and the reason is on standard error. ufbx 0.0.5
-stops the whole process where a wrapper outlives what it wraps, or dies while its owner is used; so every wrapper is kept
-alive to the end, and the end is `os._exit`.
+ufbx 0.0.5 stops the whole process where a wrapper outlives what it wraps, or dies while its owner is used; so every wrapper
+is kept alive to the end.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import struct
-import sys
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-MEMORY = 4 << 30
-"""Bytes that reading may take."""
 MOST_KEYS = 40_000_000
 """Transforms of all takes together; more is no animation that anyone made."""
 MOST_INFLUENCES = 8
 """Joints that move one vertex; the lightest of more are left out."""
 STILL = 1e-7
 """Change of a transform's numbers below which it does not move."""
-CANNOT_READ = 3
 FLOAT, UNSIGNED, SHORT = 5126, 5125, 5123
 """Component types of glTF."""
 
@@ -271,25 +263,3 @@ def _add_take(ufbx: Any, glb: Glb, stack: Any, nodes: Iterable[Any], start: floa
             samplers.append({"input": clock, "output": glb.add(values.astype(np.float32), kind, FLOAT)})
     if channels:
         glb.append("animations", {"name": stack.name, "samplers": samplers, "channels": channels})
-
-
-def main(source: str, output: str) -> None:
-    try:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    except (ImportError, ValueError, OSError):
-        pass  # no such limits on this system; the caller's time limit remains
-    try:
-        found = json.dumps(convert(source, output))
-    except Exception as error:  # whatever a broken file provokes is its fault; the caller words it
-        sys.stderr.write(f"{type(error).__name__}: {error}"[:500].replace("\n", " "))
-        sys.stderr.flush()
-        os._exit(CANNOT_READ)
-    sys.stdout.write(found)
-    sys.stdout.flush()
-    os._exit(0)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:3])

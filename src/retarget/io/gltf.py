@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from retarget.io.asset import Asset, Convention
 from retarget.io.gltf_bind import read_bindings, rest_skeleton
 from retarget.io.gltf_clips import list_clips, moving_nodes, read_motion, scaling_joints
 from retarget.io.gltf_document import Document, read_document
+from retarget.io.gltf_draco import decompressed
 from retarget.io.gltf_morph import animates_weights, read_sequence
 from retarget.io.gltf_nodes import (
     GltfOrigin,
@@ -24,7 +26,7 @@ from retarget.io.gltf_nodes import (
 )
 from retarget.io.gltf_surface import read_still_mesh, read_surface
 from retarget.io.gltf_write import save
-from retarget.io.vrm import humanoid_map
+from retarget.io.vrm import FORWARD, NamedBones, named_bones
 
 __all__ = ["GltfOrigin", "load", "save"]
 
@@ -33,26 +35,29 @@ CONVENTION = Convention(metres_per_unit=1.0, up="+y", forward="+z")
 
 
 def load(path: str | Path) -> Asset:
-    """Read a .glb, .gltf or .vrm file: skeleton, surface, materials, and its clips, which are decoded when asked for.
+    """Read a .glb, .gltf, .vrm or .vrma file: skeleton, surface, materials, and its clips, decoded when asked for.
 
     The kind is 'character' for a file with a surface that its joints move, 'motion' for a skeleton without, 'mesh' for
     one without a skeleton, 'mesh sequence' where
     animated morph targets move that. The rest pose is the one in which the mesh was bound, if the file tells it. Joints are
     rigid: scaled nodes become lengths, and `Skin.inverse_binds` carries their scale. Vertices lie where they stood in
-    the world at binding.
+    the world at binding. Data compressed with Draco or meshopt are unfolded; the humanoid that a VRM names comes along.
 
     Raises `FileError` for whatever cannot be read, with its place in the file.
     """
-    return from_document(read_document(Path(path)))
+    return from_document(decompressed(read_document(Path(path))))
 
 
 def from_document(document: Document) -> Asset:
     """What a parsed document holds; as `load`."""
-    tree = read_tree(document)
+    tree, bones = read_tree(document), named_bones(document)
     in_skins = {node for skin in document.entries("skins") for node in skin["joints"]}
-    nodes = joint_nodes(document, tree, moving_nodes(document, animated_nodes(document) - in_skins))
+    moving = moving_nodes(document, animated_nodes(document) - in_skins)
+    nodes = joint_nodes(document, tree, moving | set(bones.nodes.values() if bones else ()))
     if nodes:
-        return _skeletal(document, tree, nodes)
+        asset = _skeletal(document, tree, nodes)
+        asset = replace(asset, notes=(*document.notes, *asset.notes))
+        return asset if bones is None else _with_humanoid(asset, bones, nodes)
     mesh, notes = read_still_mesh(document, tree)
     if mesh is None:
         raise document.fail("holds neither a skeleton nor a mesh")
@@ -62,7 +67,7 @@ def from_document(document: Document) -> Asset:
     left = len(document.entries("animations"))
     if left:
         notes.append(f"{left} animations move no node and are left out")
-    return Asset(document.path, "mesh", mesh=mesh, convention=CONVENTION, notes=tuple(notes))
+    return Asset(document.path, "mesh", mesh=mesh, convention=CONVENTION, notes=(*document.notes, *notes))
 
 
 def _skeletal(document: Document, tree: NodeTree, nodes: list[int]) -> Asset:
@@ -77,8 +82,6 @@ def _skeletal(document: Document, tree: NodeTree, nodes: list[int]) -> Asset:
     notes += surface.notes
     binds = {number: binding.inverse_binds for number, binding in enumerate(bindings) if not binding.clean}
     clips, numbers, more = list_clips(document, rig)
-    notes += more
-    humanoid, more = humanoid_map(document, rig, names)
     notes += more
     uneven = [joint for joint in range(len(names)) if not is_uniform(rig.stretch[joint])]
     if uneven:
@@ -100,7 +103,26 @@ def _skeletal(document: Document, tree: NodeTree, nodes: list[int]) -> Asset:
         convention=CONVENTION,
         notes=tuple(notes),
         read_clip=read_clip,
-        humanoid=humanoid,
+    )
+
+
+def _with_humanoid(asset: Asset, bones: NamedBones, nodes: list[int]) -> Asset:
+    """The asset with the humanoid that its file names, in terms of its joints."""
+    names, humanoid, outside = asset.character.skeleton.names, {}, []
+    for bone, node in bones.nodes.items():
+        if node in nodes:
+            humanoid[bone] = names[nodes.index(node)]
+        else:
+            outside.append(bone)
+    notes = [f"its humanoid, of {len(humanoid)} joints, is the one that the file names ({bones.version})"] if humanoid else []
+    if outside:
+        notes.append(f"the humanoid bones {', '.join(outside)} are left out: their nodes are no part of the skeleton")
+    forward = FORWARD.get(bones.extension, CONVENTION.forward)
+    return replace(
+        asset,
+        humanoid=humanoid or None,
+        convention=replace(CONVENTION, forward=forward),
+        notes=(*notes, *bones.notes, *asset.notes),
     )
 
 

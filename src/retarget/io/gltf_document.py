@@ -10,8 +10,7 @@ import binascii
 import json
 import re
 import struct
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
@@ -19,7 +18,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from retarget.errors import FileError
-from retarget.io import gltf_schema
+from retarget.io import gltf_schema, meshopt
 
 Array = np.ndarray
 
@@ -33,7 +32,6 @@ ROOM = 4_000_000
 
 # Extensions that change how a surface looks or add data we pass over; geometry and motion stay plain glTF.
 HARMLESS = {
-    "KHR_draco_mesh_compression",  # decoded by gltf_draco.py
     "KHR_mesh_quantization",
     "KHR_texture_transform",
     "KHR_texture_basisu",
@@ -43,13 +41,10 @@ HARMLESS = {
     "KHR_animation_pointer",
     "KHR_xmp_json_ld",
     "VRM",
-    "VRMC_vrm",
-    "VRMC_springBone",
-    "VRMC_node_constraint",
-    "VRMC_materials_mtoon",
+    # Compressed data, which `view` and `gltf_draco` unfold.
+    "KHR_draco_mesh_compression",
+    *meshopt.EXTENSIONS,
 }
-DRACO = "KHR_draco_mesh_compression"
-COMPRESSION = {"EXT_meshopt_compression": "meshopt"}
 
 
 class MissingFileError(FileError):
@@ -63,18 +58,23 @@ class Document:
     path: Path
     json: dict[str, Any]
     buffers: tuple[bytes, ...]
-    """Bytes of each buffer, at least `byteLength` long."""
+    """Bytes of each buffer, at least `byteLength` long; none of one that only stands for compressed data."""
     chunks: tuple[tuple[int, bytes], ...] = ()
     """Chunks of a GLB beyond JSON and BIN, kept for the writer."""
+    notes: tuple[str, ...] = ()
+    """What was odd about the file as a container, one sentence each."""
+    filled: dict[int, Array] = field(default_factory=dict, repr=False)
+    """Accessors whose data came compressed (Draco): (count, width), in their own component type."""
+    unfolded: dict[int, bytes] = field(default_factory=dict, repr=False)
+    """Buffer views already unfolded from their compressed form (meshopt)."""
     key_times: dict[int, Array] = field(default_factory=dict, repr=False)
     """Key times already read and checked, by accessor: the channels of a clip share a few of them."""
-    unpacked: Mapping[int, Array] = field(default_factory=dict, repr=False)
-    """Decoded data of accessors that the file holds in compressed form only (count, width)."""
 
     @property
     def room(self) -> int:
         """How many elements anything read from this file may have; see `ROOM`."""
-        return max(ROOM, sum(map(len, self.buffers)))
+        plain = sum(map(len, (*self.buffers, *self.unfolded.values())))
+        return max(ROOM, plain + sum(each.nbytes for each in self.filled.values()))
 
     def fail(self, problem: str, place: str = "") -> FileError:
         return FileError(self.path, problem, place)
@@ -83,15 +83,38 @@ class Document:
         return self.json.get(kind, [])
 
     def view(self, number: int, place: str) -> memoryview:
-        """The bytes of a buffer view. Raises `FileError` where it reaches beyond its buffer."""
+        """The bytes of a buffer view, unfolded where it is compressed. Raises `FileError` where it reaches beyond its
+        buffer, or where compressed data are damaged."""
         view = self.json["bufferViews"][number]
+        packed = meshopt.compression(view)
+        if packed is None:
+            return self._bytes(view, number, place)
+        if number not in self.unfolded:
+            self.unfolded[number] = self._unfold(view, packed, number, place)
+        return memoryview(self.unfolded[number])
+
+    def _unfold(self, view: dict[str, Any], packed: dict[str, Any], number: int, place: str) -> bytes:
+        count, stride = packed["count"], packed["byteStride"]
+        where = f"{place} (bufferViews[{number}])"
+        if view["byteLength"] != count * stride or view.get("byteStride", stride) != stride:
+            raise self.fail(f"{count} compressed elements of {stride} bytes are not what the view describes", where)
+        if sum(map(len, self.unfolded.values())) + count * stride > meshopt.most_unfolded(sum(map(len, self.buffers))):
+            raise self.fail("compressed data unfold to more than they can hold, or are shown again and again", where)
+        stream = bytes(self._bytes(packed, number, place))
+        try:
+            return meshopt.unfold(stream, count, stride, packed["mode"], packed.get("filter", "NONE"))
+        except meshopt.MeshoptError as error:
+            raise self.fail(f"its meshopt data are damaged: {error}", where) from None
+
+    def _bytes(self, view: dict[str, Any], number: int, place: str) -> memoryview:
         start, length = view.get("byteOffset", 0), view["byteLength"]
-        size = self.json["buffers"][view["buffer"]]["byteLength"]
+        held = self.buffers[view["buffer"]]
+        size = min(self.json["buffers"][view["buffer"]]["byteLength"], len(held))
         if start + length > size:
             raise self.fail(
                 f"bytes {start} to {start + length} of a buffer of {size} bytes", f"{place} (bufferViews[{number}])"
             )
-        return memoryview(self.buffers[view["buffer"]])[start : start + length]
+        return memoryview(held)[start : start + length]
 
     def raw(self, number: int, types: tuple[str, ...]) -> Array:
         """An accessor as it is stored: (count, width), its own component type, sparse values in place.
@@ -102,8 +125,8 @@ class Document:
         if accessor["type"] not in types:
             raise self.fail(f"is of type {accessor['type']}, {' or '.join(types)} is needed here", place)
         dtype, width, count = DTYPES[accessor["componentType"]], WIDTHS[accessor["type"]], accessor["count"]
-        if number in self.unpacked:
-            stored = self.unpacked[number]
+        if number in self.filled:
+            stored = self.filled[number]
         elif "bufferView" in accessor:
             stored = self._elements(
                 accessor["bufferView"], accessor.get("byteOffset", 0), count, width, dtype, place, True
@@ -185,7 +208,7 @@ def read_document(path: Path) -> Document:
     if data[:4] == b"glTF":
         text, binary, chunks = _split_glb(path, data)
     else:
-        if path.suffix.lower() in (".glb", ".vrm"):
+        if path.suffix.lower() in (".glb", ".vrm", ".vrma"):
             raise FileError(path, "is not a GLB file: it does not begin with 'glTF'", "byte 0")
         text, binary, chunks = data, None, ()
     document = _parse(path, text)
@@ -195,13 +218,11 @@ def read_document(path: Path) -> Document:
         gltf_schema.check(document)
     except gltf_schema.Wrong as wrong:
         raise FileError(path, wrong.problem, wrong.place) from None
-    buffers = tuple(_buffer(path, entry, i, binary) for i, entry in enumerate(document.get("buffers", [])))
-    read = Document(path, document, buffers, chunks)
-    if DRACO in document.get("extensionsUsed", ()):
-        from retarget.io import gltf_draco
-
-        return replace(read, unpacked=gltf_draco.decode(read))
-    return read
+    stand_ins = _stand_ins(document)
+    buffers = tuple(
+        _buffer(path, entry, i, binary, i in stand_ins) for i, entry in enumerate(document.get("buffers", []))
+    )
+    return Document(path, document, buffers, chunks)
 
 
 def _split_glb(path: Path, data: bytes) -> tuple[bytes, bytes | None, tuple[tuple[int, bytes], ...]]:
@@ -266,13 +287,7 @@ def _check_extensions(path: Path, document: dict[str, Any]) -> None:
     for name in required:
         if type(name) is not str:
             raise FileError(path, f"must hold names, received {gltf_schema.shown(name)}", "extensionsRequired")
-        if name in COMPRESSION:
-            raise FileError(
-                path,
-                f"is compressed with {COMPRESSION[name]} ({name}), which a later version will read; "
-                "export it without compression",
-            )
-        if name not in HARMLESS and not name.startswith(("KHR_materials_", "EXT_materials_", "VRM")):
+        if name not in HARMLESS and not name.startswith(("KHR_materials_", "EXT_materials_", "VRMC_")):
             raise FileError(
                 path,
                 f"requires the extension {name[:60]!r}, which cannot be read; export it without",
@@ -280,12 +295,25 @@ def _check_extensions(path: Path, document: dict[str, Any]) -> None:
             )
 
 
-def _buffer(path: Path, entry: dict[str, Any], number: int, binary: bytes | None) -> bytes:
+def _stand_ins(document: dict[str, Any]) -> set[int]:
+    """Buffers that only give compressed views a place to stand: all that refers to them is compressed."""
+    standing, used = set(), set()
+    for view in document.get("bufferViews", ()):
+        packed = meshopt.compression(view)
+        (used if packed is None else standing).add(view["buffer"])
+        if packed is not None:
+            used.add(packed["buffer"])
+    return standing - used
+
+
+def _buffer(path: Path, entry: dict[str, Any], number: int, binary: bytes | None, stand_in: bool) -> bytes:
     place, size = f"buffers[{number}]", entry["byteLength"]
     if "uri" in entry:
         data = resource(path, entry["uri"], place)
     elif number == 0 and binary is not None:
         data = binary
+    elif stand_in:
+        return b""
     else:
         raise FileError(path, "has neither a uri nor a binary chunk", place)
     if len(data) < size:

@@ -1,112 +1,151 @@
-"""Draco-compressed primitives of glTF (KHR_draco_mesh_compression), decoded by Google's library in a process of its own.
+"""Primitives compressed with KHR_draco_mesh_compression: their accessors filled with what the compressed data hold.
 
-What is decoded takes the place of the accessors' data while reading; the document itself stays as it is, so that a character
-is written back with its compressed data untouched.
+The decoder (DracoPy) is native code and files come from everywhere: it works in a process of its own (`draco_child.py`), and
+nothing that it says is believed without a look. The document keeps the compressed data, so that a character is written back
+as it came.
 """
 
 from __future__ import annotations
 
 import json
 import tempfile
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Shaped
 
-from retarget.io.child_process import ChildFailed, run_child
+from retarget.errors import FileError
+from retarget.io.child import ChildError, ChildTimeout, run_child
 from retarget.io.gltf_document import DTYPES, WIDTHS, Document
 
 Array = np.ndarray
 
 EXTENSION = "KHR_draco_mesh_compression"
+CHILD = Path(__file__).with_name("draco_child.py")
 SECONDS = 120.0
-"""How long decoding may take."""
-MOST = 20_000_000
-"""Vertices, or corners of faces, of one primitive."""
+"""How long decoding all of a file may take."""
+READ = ("POSITION", "TEXCOORD_0", "JOINTS_", "WEIGHTS_")
+"""Attributes that are decoded, by how their names begin."""
 
 
-def decode(document: Document) -> dict[int, Array]:
-    """Arrays (count, width) of the accessors whose data are compressed only, in the component types they declare.
+@dataclass(frozen=True)
+class Part:
+    """One compressed primitive."""
 
-    Raises `FileError` for data that cannot be decoded, or is not what the accessors declare, and without DracoPy.
+    place: str
+    view: int
+    accessors: dict[int, int | None]
+    """Accessors without data of their own, to the unique id of the attribute that fills them; None: the triangles."""
+
+
+def decompressed(document: Document) -> Document:
+    """The document with the accessors of its Draco primitives filled. Primitives that also bring plain data are left alone.
+
+    Raises `FileError` for data that cannot be decoded or contradict their accessors.
     """
-    jobs = list(_jobs(document))
-    if not jobs:
-        return {}
+    parts = _parts(document)
+    if not parts:
+        return document
+    views = sorted({part.view for part in parts})
+    pieces = [bytes(document.view(view, f"bufferViews[{view}]")) for view in views]
     with tempfile.TemporaryDirectory(prefix="retarget-") as folder:
-        blob, plan, found = (Path(folder) / name for name in ("data.bin", "plan.json", "found.npz"))
-        with open(blob, "wb") as file:
-            for job in jobs:
-                job["start"] = file.tell()
-                job["length"] = file.write(document.view(job["view"], job["place"]))
-        plan.write_text(json.dumps([{key: job[key] for key in ("start", "length", "ids")} for job in jobs]))
-        try:
-            run_child(document.path, "retarget.io.gltf_draco_child", [str(blob), str(plan), str(found)], SECONDS)
-        except ChildFailed as error:
-            if "No module named 'DracoPy'" in str(error):
-                raise document.fail("is compressed with Draco, which needs DracoPy: pip install DracoPy") from None
-            raise document.fail(f"its Draco data cannot be decoded ({error}); export it without compression") from None
-        with np.load(found, allow_pickle=False) as archive:
-            return {number: values for k, job in enumerate(jobs) for number, values in _arrays(document, job, k, archive)}
+        source, output = Path(folder) / "pieces", Path(folder) / "arrays"
+        source.write_bytes(json.dumps(list(map(len, pieces))).encode() + b"\n" + b"".join(pieces))
+        found = _decode(document, source, output)
+        data = output.read_bytes()
+    if type(found) is not list or len(found) != len(views):
+        raise document.fail("the Draco decoder gave no usable answer")
+    filled: dict[int, Array] = {}
+    notes = []
+    for part in parts:
+        answer = found[views.index(part.view)]
+        for accessor, attribute in part.accessors.items():
+            try:
+                values = _filled(document, part, answer, data, accessor, attribute)
+            except FileError:
+                raise
+            except (KeyError, TypeError, ValueError):  # not of the form that the child gives
+                raise document.fail("the Draco decoder gave no usable answer") from None
+            if accessor in filled and not np.array_equal(filled[accessor], values):
+                raise document.fail("is filled with different data by two Draco primitives", f"accessors[{accessor}]")
+            filled[accessor] = values
+            told = document.json["accessors"][accessor]["count"]
+            if len(values) != told:
+                notes.append(
+                    f"accessor {accessor} declares {told} elements, its Draco data hold {len(values)}; these are read"
+                )
+    return replace(document, filled=filled, notes=(*document.notes, *notes))
 
 
-def _jobs(document: Document):
-    """Primitives with data that are compressed only: the view, ids and accessors of their attributes."""
-    for mesh, entry in enumerate(document.entries("meshes")):
-        for number, primitive in enumerate(entry["primitives"]):
-            extension = primitive.get("extensions", {}).get(EXTENSION) if isinstance(primitive.get("extensions"), dict) else None
-            if extension is None:
+def _parts(document: Document) -> list[Part]:
+    accessors = document.entries("accessors")
+    parts = []
+    for number, mesh in enumerate(document.entries("meshes")):
+        for position, primitive in enumerate(mesh["primitives"]):
+            packed = primitive.get("extensions", {}).get(EXTENSION)
+            if packed is None:
                 continue
-            place = f"meshes[{mesh}].primitives[{number}].extensions.{EXTENSION}"
-            accessors = _accessors(document, primitive, extension, place)
-            if all("bufferView" in document.json["accessors"][accessor] for accessor in accessors.values()):
-                continue  # the plain data lie beside the compressed ones
-            yield {
-                "view": extension["bufferView"], "place": place, "accessors": accessors,
-                "ids": {name: int(key) for name, key in extension["attributes"].items() if name in accessors},
-            }  # fmt: skip
+            place = f"meshes[{number}].primitives[{position}]"
+            own: dict[int, int | None] = {}
+            for name, attribute in packed["attributes"].items():
+                accessor = primitive["attributes"].get(name)
+                if accessor is None:
+                    raise document.fail(f"compresses {name[:40]!r}, which the primitive does not have", place)
+                if name.startswith(READ) and "bufferView" not in accessors[accessor]:
+                    own[accessor] = attribute
+            if "indices" in primitive and "bufferView" not in accessors[primitive["indices"]]:
+                own[primitive["indices"]] = None
+            if own:
+                parts.append(Part(place, packed["bufferView"], own))
+    return parts
 
 
-def _accessors(document: Document, primitive: dict[str, Any], extension: Any, place: str) -> dict[str, int]:
-    """Accessor of every compressed attribute by its name, and of the faces by 'indices'. Raises `FileError` for an extension
-    of another form."""
-    known = len(document.entries("bufferViews"))
-    view = extension.get("bufferView") if isinstance(extension, dict) else None
-    ids = extension.get("attributes") if isinstance(extension, dict) else None
-    if type(view) is not int or not 0 <= view < known or not isinstance(ids, dict):
-        raise document.fail("must name a bufferView and attributes", place)
-    if any(type(key) is not int or key < 0 for key in ids.values()):
-        raise document.fail("must name its attributes by whole numbers", place)
-    found = {name: primitive["attributes"][name] for name in ids if name in primitive["attributes"]}
-    if primitive.get("indices") is not None:
-        found["indices"] = primitive["indices"]
-    for accessor in found.values():
-        if document.json["accessors"][accessor]["count"] > MOST:
-            raise document.fail(f"declares more than {MOST} elements", f"accessors[{accessor}]")
-    return found
+def _decode(document: Document, source: Path, output: Path) -> Any:
+    try:
+        return run_child(CHILD, source, output, SECONDS)
+    except ChildTimeout:
+        problem = (
+            f"its Draco data take longer than {SECONDS:g} s to decode; they are damaged, or larger than any we know"
+        )
+    except ChildError as error:
+        problem = f"its Draco data cannot be decoded ({error}); export it again, without compression if that persists"
+        if "No module named 'DracoPy'" in str(error):
+            problem = "is compressed with Draco, which the package DracoPy decodes: pip install DracoPy"
+    raise document.fail(problem)
 
 
-def _arrays(document: Document, job: dict[str, Any], number: int, archive: Any):
-    """What was decoded for a primitive, as its accessors declare it."""
-    arrays: dict[str, Array] = {}
-    for name, accessor in job["accessors"].items():
-        declared, key = document.json["accessors"][accessor], f"{number}.{name}"
-        dtype, width, count = DTYPES[declared["componentType"]], WIDTHS[declared["type"]], declared["count"]
-        if key not in archive:
-            raise document.fail(f"its Draco data hold no {name}", job["place"])
-        values = archive[key]
-        values = values.reshape(-1, 1) if name == "indices" else values
-        if values.shape != (count, width):
-            raise document.fail(f"its Draco data hold {values.shape} {name} where {(count, width)} are declared", job["place"])
-        if dtype.kind in "iu" and values.size and not (
-            np.iinfo(dtype).min <= values.min() and values.max() <= np.iinfo(dtype).max
-        ):
-            raise document.fail(f"its Draco data hold {name} beyond what is declared", job["place"])
-        arrays[name] = np.ascontiguousarray(values, dtype)
-    # Quantised weights no longer sum to one.
-    weights = [name for name in arrays if name.startswith("WEIGHTS_") and arrays[name].dtype.kind == "f"]
-    total = sum((arrays[name].sum(axis=1, keepdims=True, dtype=np.float64) for name in weights), np.zeros(1))
-    for name in weights:
-        arrays[name] = (arrays[name] / np.where(total > 0, total, 1.0)).astype("<f4")
-    for name, values in arrays.items():
-        yield job["accessors"][name], values
+def _filled(
+    document: Document, part: Part, answer: dict[str, Any], data: bytes, accessor: int, attribute: int | None
+) -> Shaped[Array, "count width"]:
+    """What an accessor holds, in its own component type."""
+    entry, points = document.json["accessors"][accessor], answer["points"]
+    dtype, width = DTYPES[entry["componentType"]], WIDTHS.get(entry["type"], 0)
+    if attribute is None:
+        values = _array(document, answer["faces"], data).reshape(-1, 1)
+        if len(values) and int(values.max()) >= points:
+            raise document.fail(f"a Draco triangle names vertex {int(values.max())} of {points}", part.place)
+    elif str(attribute) not in answer["attributes"]:
+        raise document.fail(f"its Draco data have no attribute {attribute}", part.place)
+    else:
+        values = _array(document, answer["attributes"][str(attribute)], data)
+        if len(values) != points:
+            raise document.fail(f"its Draco data have {len(values)} values for {points} vertices", part.place)
+    if values.shape[1] != width:
+        problem = f"is of type {entry['type']}, its Draco data have {values.shape[1]} components"
+        raise document.fail(problem, f"accessors[{accessor}]")
+    with np.errstate(invalid="ignore", over="ignore"):
+        stored = values.astype(dtype)
+    if dtype.kind != "f" and not np.array_equal(stored, values):
+        raise document.fail("its Draco data do not fit into its component type", f"accessors[{accessor}]")
+    return stored
+
+
+def _array(document: Document, where: list[Any], data: bytes) -> Array:
+    """An array that the child wrote; the place it names must exist."""
+    start, dtype, rows, columns = where
+    kind = np.dtype(dtype)
+    if kind.kind not in "iuf" or not 0 <= start <= start + rows * columns * kind.itemsize <= len(data):
+        raise document.fail("the Draco decoder gave no usable answer")
+    return np.frombuffer(data, kind, rows * columns, start).reshape(rows, columns)

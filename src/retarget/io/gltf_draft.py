@@ -6,13 +6,14 @@ import base64
 import json
 import os
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from retarget.errors import FileError
+from retarget.io import meshopt
 from retarget.io.gltf_document import BIN_CHUNK, DTYPES, JSON_CHUNK, MAGIC, Document, resource
 
 Array = np.ndarray
@@ -43,7 +44,8 @@ class Draft:
         copied["asset"] = dict(document.json["asset"])
         if not keep_clips:
             copied.pop("animations", None)
-        first = document.buffers[0][: document.json["buffers"][0]["byteLength"]] if document.buffers else b""
+        document = _real_buffers_first(document, copied)
+        first = document.buffers[0][: copied["buffers"][0]["byteLength"]] if document.buffers else b""
         return cls(copied, bytearray(first), document)
 
     @classmethod
@@ -174,6 +176,24 @@ class Draft:
             return json.dumps(self.json, separators=(",", ":"), allow_nan=False).encode()
         except (ValueError, RecursionError) as error:
             raise FileError(path, f"the source holds a number that JSON cannot express: {error}") from None
+
+
+def _real_buffers_first(document: Document, copied: dict[str, Any]) -> Document:
+    """Renumber buffers so that those that only stand for compressed data are the last: what is new goes into the first."""
+    order = sorted(range(len(document.buffers)), key=lambda number: not document.buffers[number])
+    if order == list(range(len(order))):
+        return document
+    number = {old: new for new, old in enumerate(order)}
+    copied["buffers"] = [copied["buffers"][old] for old in order]
+    for position, view in enumerate(copied.get("bufferViews", ())):
+        view = {**view, "buffer": number[view["buffer"]]}
+        for name in meshopt.EXTENSIONS:
+            if name in view.get("extensions", {}):
+                packed = view["extensions"][name]
+                moved = {**packed, "buffer": number[packed["buffer"]]}
+                view["extensions"] = {**view["extensions"], name: moved}
+        copied["bufferViews"][position] = view
+    return replace(document, buffers=tuple(document.buffers[old] for old in order))
 
 
 def write_files(files: dict[Path, bytes]) -> None:

@@ -10,6 +10,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from retarget.io import meshopt
+
 Rule = Callable[[Any, dict], None]
 
 
@@ -169,6 +171,14 @@ NODE = record(
         "weights": list_of(number),
     }
 )
+DRACO = record({"bufferView": index("bufferViews"), "attributes": mapping(natural)}, ("bufferView", "attributes"))
+MESHOPT = record(
+    {
+        "buffer": index("buffers"), "byteOffset": natural, "byteLength": natural, "byteStride": natural,
+        "count": natural, "mode": one_of(*meshopt.MODES), "filter": one_of(*meshopt.FILTERS),
+    },
+    ("buffer", "byteLength", "byteStride", "count", "mode"),
+)  # fmt: skip
 PRIMITIVE = record(
     {
         "attributes": mapping(index("accessors")),
@@ -176,7 +186,7 @@ PRIMITIVE = record(
         "material": index("materials"),
         "mode": one_of(0, 1, 2, 3, 4, 5, 6),
         "targets": list_of(mapping(index("accessors"))),
-        "extensions": mapping(lambda value, root: None),
+        "extensions": record({"KHR_draco_mesh_compression": DRACO}),
     },
     ("attributes",),
 )
@@ -229,7 +239,13 @@ DOCUMENT = record(
         "accessors": list_of(ACCESSOR),
         "bufferViews": list_of(
             record(
-                {"buffer": index("buffers"), "byteOffset": natural, "byteLength": natural, "byteStride": natural},
+                {
+                    "buffer": index("buffers"),
+                    "byteOffset": natural,
+                    "byteLength": natural,
+                    "byteStride": natural,
+                    "extensions": record(dict.fromkeys(meshopt.EXTENSIONS, MESHOPT)),
+                },
                 ("buffer", "byteLength"),
             )
         ),

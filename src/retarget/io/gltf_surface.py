@@ -93,7 +93,8 @@ class Surface:
             read = read_influences(self.document, attributes, len(points), len(columns), place)
             for fault in read.faults:
                 self._note(fault)
-            if not read.clean:
+            # Compressed weights stay as they are: quantised, their sums are off, and every reader scales them.
+            if not read.clean and attributes["WEIGHTS_0"] not in self.document.filled:
                 self.repaired[attributes["JOINTS_0"], attributes["WEIGHTS_0"]] = read
             self.columns.append(columns[read.joints])
             self.weights.append(read.weights)

@@ -34,17 +34,18 @@ def save(
     appended as animations, in terms of its own nodes (which is why its mesh and skin are taken from there, whatever
     the character holds now). What had to be repaired on reading is written repaired, behind the faulty data.
     `keep_clips=False` leaves out the clips it had, and their data. Any other character is written anew. `animation_only` writes the
-    joints and the motions: no surface, no pictures, no earlier clips.
+    joints and the motions: no surface, no pictures, no earlier clips. A .vrm is a GLB of a character that came from a VRM,
+    whole.
 
     Raises `RetargetError` if a motion belongs to another skeleton or has no frames, `FileError` if `path` cannot be
     written. The file appears whole or not at all.
     """
     path = Path(path)
-    if path.suffix.lower() not in (".glb", ".gltf", ".vrm"):
+    suffix = path.suffix.lower()
+    if suffix not in (".glb", ".gltf", ".vrm"):
         raise FileError(path, f"glTF is written as .glb or .gltf, received the suffix {path.suffix!r}")
+    check_holds(path, character, animation_only)
     origin = character.origin if isinstance(character.origin, GltfOrigin) else None
-    if path.suffix.lower() == ".vrm" and (animation_only or origin is None or not is_vrm(origin.document)):
-        raise FileError(path, "only a whole character that was read from VRM is written as .vrm; use .glb")
     if origin is not None:
         check_skeleton("the character", character.skeleton, origin.skeleton)
     for motion in motions:
@@ -66,7 +67,17 @@ def save(
     if origin is not None and not (keep_clips or animation_only):
         prune(draft)
     draft.json["asset"]["generator"] = "retarget"
-    write_files(draft.gltf(path) if path.suffix.lower() == ".gltf" else draft.glb(path))
+    write_files(draft.gltf(path) if suffix == ".gltf" else draft.glb(path))
+
+
+def check_holds(path: Path, character: Character, animation_only: bool) -> None:
+    """Refuse a .vrm for what is none, before any work is done. Raises `FileError`."""
+    if path.suffix.lower() != ".vrm":
+        return
+    if animation_only:
+        raise FileError(path, "animation alone is no VRM; write a .glb")
+    if not isinstance(character.origin, GltfOrigin) or not is_vrm(character.origin.document):
+        raise FileError(path, "the character came from no VRM, whose humanoid and terms of use it would need; write a .glb")
 
 
 def check_skeleton(owner: str, skeleton: Skeleton, expected: Skeleton) -> None:

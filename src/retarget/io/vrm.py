@@ -1,93 +1,107 @@
-"""Which joints of a VRM avatar are which: VRM 0.x and 1.0 files are GLB files that say it themselves.
+"""The humanoid that a VRM file names: which node is which joint of a human.
 
-Extensions `VRM` (0.x: a list of bone and node) and `VRMC_vrm` (1.0: an object). What the file says is trusted over names and
-shape. All else that VRM adds (materials, springs, constraints, who may use it) stays in the file untouched.
+A `.vrm` is a GLB with the extension VRM (0.x) or VRMC_vrm (1.0), a `.vrma` one with VRMC_vrm_animation; the glTF reader reads
+them all, and asks here. What the file says is trusted over names. Faulty entries are left out and told of; whether what is
+left makes a human is for the matching to say. Sources: the VRM 0.0 and VRMC_vrm-1.0 specifications, vrm-c/vrm-specification.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from retarget.io.gltf_document import Document
-from retarget.io.gltf_nodes import Rig
+from retarget.io.gltf_schema import shown
 
-REQUIRED = ("hips", "spine", "head", *(
-    f"{side}{part}" for side in ("left", "right")
-    for part in ("UpperLeg", "LowerLeg", "Foot", "UpperArm", "LowerArm", "Hand")
-))  # fmt: skip
-"""Without these the specification knows no humanoid."""
-THUMBS = {"ThumbProximal": "ThumbMetacarpal", "ThumbIntermediate": "ThumbProximal"}
-"""What VRM 0.x calls the bones of a thumb, by VRM 1.0's names."""
-BONES = 64
-"""More entries than VRM has bones are not looked at."""
+EXTENSIONS = {"VRMC_vrm": "VRM 1.0", "VRM": "VRM 0.x", "VRMC_vrm_animation": "VRM animation 1.0"}
+"""Where a humanoid is looked for, the newer first: some files carry both."""
+FORWARD = {"VRM": "-z"}
+"""Where a body faces, other than along +z."""
+
+_SIDED = (
+    "UpperLeg", "LowerLeg", "Foot", "Toes", "Shoulder", "UpperArm", "LowerArm", "Hand",
+    "ThumbMetacarpal", "ThumbProximal", "ThumbDistal",
+    *(finger + bone for finger in ("Index", "Middle", "Ring", "Little")
+      for bone in ("Proximal", "Intermediate", "Distal")),
+)  # fmt: skip
+BONES = frozenset(
+    ("hips", "spine", "chest", "upperChest", "neck", "head", "leftEye", "rightEye", "jaw",
+     *(side + part for side in ("left", "right") for part in _SIDED))
+)  # fmt: skip
+"""The bones of VRM 1.0, which are our humanoid joints."""
+RENAMED = {
+    side + old: side + new
+    for side in ("left", "right")
+    for old, new in (("ThumbProximal", "ThumbMetacarpal"), ("ThumbIntermediate", "ThumbProximal"))
+}
+"""Bones of VRM 0.x that have another name in 1.0: its thumbs count from the finger, not from the palm."""
+
+
+@dataclass(frozen=True)
+class NamedBones:
+    """The bones that a file names."""
+
+    nodes: dict[str, int]
+    """Bone of VRM 1.0 to node; every node once."""
+    extension: str
+    notes: tuple[str, ...]
+    """Entries left out, one sentence each."""
+
+    @property
+    def version(self) -> str:
+        """In words."""
+        return EXTENSIONS[self.extension]
 
 
 def is_vrm(document: Document) -> bool:
-    """Whether a document is an avatar of either version."""
-    extensions = document.json.get("extensions")
-    return isinstance(extensions, dict) and bool({"VRM", "VRMC_vrm"} & set(extensions))
+    """Whether a document holds a VRM character."""
+    return any(name in ("VRM", "VRMC_vrm") for name in _extensions(document))
 
 
-def humanoid_map(document: Document, rig: Rig, names: tuple[str, ...]) -> tuple[dict[str, str] | None, list[str]]:
-    """Canonical name (VRM 1.0's) to joint name, and notes; None for a file that is no VRM or whose map misses required bones.
+def _extensions(document: Document) -> dict[str, Any]:
+    held = document.json.get("extensions")
+    return held if type(held) is dict else {}
 
-    Raises `FileError` for a map that names nodes which do not exist, or one node for two bones.
-    """
-    said = _bones(document)
-    if said is None:
-        return None, []
-    joint_of = {int(node): joint for joint, node in enumerate(np.asarray(rig.nodes))}
-    found, away, nodes = {}, [], {}
-    for bone, node in said.items():
-        if type(node) is not int or not 0 <= node < len(document.entries("nodes")):
-            raise document.fail(f"the humanoid bone {bone!r} is node {str(node)[:20]}, which does not exist", "extensions")
-        if node in nodes:
-            raise document.fail(f"node {node} is two humanoid bones, {nodes[node]!r} and {bone!r}", "extensions")
-        nodes[node] = bone
-        if node in joint_of:
-            found[bone] = names[joint_of[node]]
+
+def named_bones(document: Document) -> NamedBones | None:
+    """The humanoid of a VRM or VRM animation; None for any other file."""
+    held = _extensions(document)
+    extension = next((name for name in EXTENSIONS if name in held), None)
+    if extension is None:
+        return None
+    count, nodes, notes = len(document.entries("nodes")), {}, []
+    try:
+        entries = list(_entries(extension, held[extension]))
+    except (TypeError, KeyError, AttributeError):
+        return NamedBones(
+            {}, extension, (f"the humanoid of {EXTENSIONS[extension]} cannot be read and is passed over",)
+        )
+    for bone, node in entries:
+        name = RENAMED.get(bone, bone) if extension == "VRM" else bone
+        if name not in BONES:
+            problem = "there is no such bone"
+        elif type(node) is not int or not 0 <= node < count:
+            problem = f"there is no node {shown(node)}"
+        elif name in nodes:
+            problem = "it is named twice, and the first counts"
+        elif node in nodes.values():
+            problem = f"node {node} is {next(each for each, other in nodes.items() if other == node)} already"
         else:
-            away.append(bone)
-    notes = [f"VRM's humanoid bone{'s' if len(away) > 1 else ''} {', '.join(away[:4])} move no surface and are left out"] if away else []
-    missing = [bone for bone in REQUIRED if bone not in found]
-    if missing:
-        notes.append(f"VRM's humanoid has no {', '.join(missing[:4])}: joints are matched by names and shape")
-        return None, notes
-    return found, notes
+            nodes[name] = node
+            continue
+        notes.append(f"the humanoid bone {shown(bone)} is left out: {problem}")
+    return NamedBones(nodes, extension, tuple(notes))
 
 
-def _bones(document: Document) -> dict[str, Any] | None:
-    """Bones by VRM 1.0's names with their nodes; None where the file has no such extension, or an unknown form of it."""
-    extensions = document.json.get("extensions")
-    if not isinstance(extensions, dict):
-        return None
-    newer, older = (_within(extensions, name, "humanoid", "humanBones") for name in ("VRMC_vrm", "VRM"))
-    if isinstance(newer, dict):
-        rows = [(bone, each.get("node")) for bone, each in list(newer.items())[:BONES] if isinstance(each, dict)]
-    elif isinstance(older, list):
-        rows = [(each.get("bone"), each.get("node")) for each in older[:BONES] if isinstance(each, dict)]
-        rows = [(_renamed(bone), node) for bone, node in rows if isinstance(bone, str)]
-        rows = [(bone, node) for bone, node in rows if node != -1]  # how some exporters say that there is none
+def _entries(extension: str, held: Any) -> Iterator[tuple[str, Any]]:
+    """Bone and node as they stand in the file. Raises where these are no lists and objects."""
+    bones = held["humanoid"]["humanBones"]
+    if extension == "VRM":
+        pairs = [(each["bone"], each["node"]) for each in bones]
     else:
-        return None
-    twice = next((bone for number, (bone, _) in enumerate(rows) if bone in [each for each, _ in rows[:number]]), None)
-    if twice is not None:
-        raise document.fail(f"names the humanoid bone {twice!r} twice", "extensions")
-    return dict(rows)
-
-
-def _within(data: Any, *path: str) -> Any:
-    for key in path:
-        data = data.get(key) if isinstance(data, dict) else None
-    return data
-
-
-def _renamed(bone: str) -> str:
-    """The name in VRM 1.0 of a bone of VRM 0.x."""
-    for side in ("left", "right"):
-        part = bone.removeprefix(side)
-        if part != bone:
-            return side + THUMBS.get(part, part)
-    return bone
+        pairs = [(bone, each["node"]) for bone, each in bones.items()]
+    for bone, node in pairs:
+        if type(bone) is not str:
+            raise TypeError
+        yield bone, node
