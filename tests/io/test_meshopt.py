@@ -265,7 +265,7 @@ def test_faults_of_the_description_are_told_with_their_place(tmp_path, change, p
 def test_damaged_files_are_read_or_refused(tmp_path):
     raw, rng = (DATA / "worm_meshopt_ext.glb").read_bytes(), random.Random(2)
     path, outcomes = tmp_path / "bad.glb", {"read": 0, "refused": 0}
-    for _ in range(600):
+    for _ in range(400):
         data = bytearray(raw)
         for _ in range(rng.randrange(1, 4)):
             at = rng.randrange(20, len(data)) if rng.random() < 0.3 else rng.randrange(len(raw) - 2420, len(raw))
@@ -279,4 +279,4 @@ def test_damaged_files_are_read_or_refused(tmp_path):
         except RetargetError as error:
             assert "\n" not in str(error)
             outcomes["refused"] += 1
-    assert min(outcomes.values()) > 40, outcomes
+    assert min(outcomes.values()) > 25, outcomes

@@ -98,8 +98,6 @@ class Document:
         where = f"{place} (bufferViews[{number}])"
         if view["byteLength"] != count * stride or view.get("byteStride", stride) != stride:
             raise self.fail(f"{count} compressed elements of {stride} bytes are not what the view describes", where)
-        if sum(map(len, self.unfolded.values())) + count * stride > meshopt.most_unfolded(sum(map(len, self.buffers))):
-            raise self.fail("compressed data unfold to more than they can hold, or are shown again and again", where)
         stream = bytes(self._bytes(packed, number, place))
         try:
             return meshopt.unfold(stream, count, stride, packed["mode"], packed.get("filter", "NONE"))
@@ -222,6 +220,7 @@ def read_document(path: Path) -> Document:
     buffers = tuple(
         _buffer(path, entry, i, binary, i in stand_ins) for i, entry in enumerate(document.get("buffers", []))
     )
+    _check_unfolded(path, document, sum(map(len, buffers)))
     return Document(path, document, buffers, chunks)
 
 
@@ -304,6 +303,16 @@ def _stand_ins(document: dict[str, Any]) -> set[int]:
         if packed is not None:
             used.add(packed["buffer"])
     return standing - used
+
+
+def _check_unfolded(path: Path, document: dict[str, Any], size: int) -> None:
+    """All compressed views together must not unfold to more than the file's bytes can hold."""
+    unfolded = 0
+    for number, view in enumerate(document.get("bufferViews", ())):
+        unfolded += view["byteLength"] if meshopt.compression(view) is not None else 0
+        if unfolded > meshopt.most_unfolded(size):
+            problem = "compressed data unfold to more than they can hold, or are shown again and again"
+            raise FileError(path, problem, f"bufferViews[{number}]")
 
 
 def _buffer(path: Path, entry: dict[str, Any], number: int, binary: bytes | None, stand_in: bool) -> bytes:

@@ -78,9 +78,11 @@ def named_bones(document: Document) -> NamedBones | None:
             {}, extension, (f"the humanoid of {EXTENSIONS[extension]} cannot be read and is passed over",)
         )
     for bone, node in entries:
-        name = RENAMED.get(bone, bone) if extension == "VRM" else bone
-        if name not in BONES:
+        name = RENAMED.get(bone, bone) if extension == "VRM" and type(bone) is str else bone
+        if type(name) is not str or name not in BONES:
             problem = "there is no such bone"
+        elif node == -1:
+            continue  # how some exporters list bones that the avatar lacks
         elif type(node) is not int or not 0 <= node < count:
             problem = f"there is no node {shown(node)}"
         elif name in nodes:
@@ -94,14 +96,10 @@ def named_bones(document: Document) -> NamedBones | None:
     return NamedBones(nodes, extension, tuple(notes))
 
 
-def _entries(extension: str, held: Any) -> Iterator[tuple[str, Any]]:
-    """Bone and node as they stand in the file. Raises where these are no lists and objects."""
+def _entries(extension: str, held: Any) -> Iterator[tuple[Any, Any]]:
+    """Bone and node as they stand in the file; None for what an entry lacks. Raises where there are no entries."""
     bones = held["humanoid"]["humanBones"]
-    if extension == "VRM":
-        pairs = [(each["bone"], each["node"]) for each in bones]
-    else:
-        pairs = [(bone, each["node"]) for bone, each in bones.items()]
-    for bone, node in pairs:
-        if type(bone) is not str:
-            raise TypeError
-        yield bone, node
+    entries = [(None, each) for each in bones] if extension == "VRM" else bones.items()
+    for bone, each in entries:
+        entry = each if type(each) is dict else {}
+        yield entry.get("bone") if extension == "VRM" else bone, entry.get("node")
