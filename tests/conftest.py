@@ -32,3 +32,23 @@ def data() -> Path:
 def data_or_none() -> Path | None:
     """The folder of real files, None where it is absent."""
     return DATA if DATA.is_dir() else None
+
+
+@pytest.fixture
+def command(monkeypatch, capfd):
+    """Runs the program as its entry point does; returns exit code, standard output and standard error."""
+    import sys
+
+    from retarget import cli
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["retarget", *map(str, words)])
+        code = 0
+        try:
+            cli.main()
+        except SystemExit as leaving:
+            code = leaving.code or 0
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return run

@@ -3,14 +3,12 @@
 import json
 import re
 import struct
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from made_motions import body, fingerless, scaled, stand, walk
 
-from retarget import cli
 from retarget.body.kinematics import world_pose
 from retarget.correspond.joints import scrambled
 from retarget.io import load, save
@@ -31,23 +29,6 @@ def made(tmp_path_factory):
     )
     (folder / "bare.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     return folder
-
-
-@pytest.fixture
-def command(monkeypatch, capfd):
-    """Runs the program as its entry point does; returns exit code, standard output and standard error."""
-
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["retarget", *map(str, words)])
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as leaving:
-            code = leaving.code or 0
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return run
 
 
 def hips(path, clip=None):

@@ -1,12 +1,10 @@
 """The command `contacts`: what it lists, what it writes, and one line for every mistake."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
-from retarget import cli
 from retarget.body.kinematics import world_pose
 from retarget.contact.contact_file import read_contacts
 from retarget.evaluate.touch import judged_body
@@ -33,21 +31,6 @@ def files(tmp_path_factory):
     copied = prepare(cast(performer()), cast(heavy), "copy-rotations")(clip).motion
     save(folder / "sunk.glb", heavy, [replace(copied, name="sunk"), replace(copied, name="again")])
     return folder
-
-
-@pytest.fixture
-def command(monkeypatch, capfd):
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["retarget", *map(str, words)])
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as leaving:
-            code = leaving.code or 0
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return run
 
 
 def test_contacts_are_listed_and_written(files, tmp_path, command):

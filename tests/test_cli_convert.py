@@ -1,14 +1,12 @@
 """`retarget convert`: the same motion and body in another file, in the space that its format demands."""
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from made_motions import body, fingerless, scaled, stand, walk
 
-from retarget import cli
 from retarget.body import rotations as rot
 from retarget.body.kinematics import world_pose
 from retarget.body.skinning import prepare_skinning
@@ -33,21 +31,6 @@ def made(tmp_path_factory):
     turning = Motion(stick, np.tile(rot.IDENTITY, (3, 2, 1)), np.array([[[0.0, 1, z]] for z in range(3)]))
     save(folder / "stick.bvh", Character(stick), [turning])
     return folder
-
-
-@pytest.fixture
-def command(monkeypatch, capfd):
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["retarget", *map(str, words)])
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as leaving:
-            code = leaving.code or 0
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return run
 
 
 def by_name(motion):

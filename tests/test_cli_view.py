@@ -8,7 +8,6 @@ import sys
 
 import pytest
 from made_motions import body
-from test_cli import command  # noqa: F401  (a fixture)
 
 from retarget.io import save
 from retarget.motion.filter import cut

@@ -2,7 +2,6 @@
 say."""
 
 import json
-import sys
 from functools import cache
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from made_motions import body, fingerless, walk
 from smpl_maker import amass, angles, from_performance, model_arrays, z_up
 
-from retarget import cli
 from retarget.body import rotations as rot
 from retarget.body.human import human
 from retarget.body.kinematics import world_pose
@@ -144,23 +142,6 @@ def test_a_motion_onto_a_model(tmp_path):
 
 
 # --- the command line ---------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def command(monkeypatch, capfd):
-    """Runs the program as its entry point does; returns exit code, standard output and standard error."""
-
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["retarget", *map(str, words)])
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as leaving:
-            code = leaving.code or 0
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return run
 
 
 @pytest.fixture

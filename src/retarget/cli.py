@@ -333,7 +333,7 @@ def bench(
 ) -> None:
     """Measure the methods on fixed cases, all in one run."""
     _listen(verbose)
-    from retarget.commands import run_bench
+    from retarget.commands_evaluate import run_bench
 
     report = run_bench(name, quick, json_file, gate, progress=sys.stderr.isatty())
     _say(report, False)

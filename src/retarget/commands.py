@@ -14,7 +14,6 @@ from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import MOTION_SUFFIXES, THROUGH_BLENDER, WRITTEN_SUFFIXES, check_output, load
 from retarget.io.asset import Asset
 from retarget.io.presets import Preset, preset
-from retarget.io.whole_file import written_whole
 from retarget.methods import Result, save_results
 from retarget.motion.filter import cut, resample
 from retarget.progress import progress_line
@@ -382,32 +381,3 @@ def _direction(view: str) -> str | float:
         return float(view)
     except ValueError:
         return view
-
-
-def run_bench(
-    name: str, quick: bool, json_file: Path | None, gate: bool = False, progress: bool = False
-) -> dict[str, Any]:
-    """Run a bench and print its table; with `gate`, `regressions` lists what got worse than the committed baseline."""
-    import json
-
-    from retarget.errors import unknown_name
-    from retarget.evaluate.benches import BENCHES, load_bench
-    from retarget.evaluate.gate import bounds_of, regressions
-
-    if name not in BENCHES:
-        raise unknown_name("bench", name, BENCHES, "this version")
-    if json_file is not None and not json_file.parent.is_dir():
-        raise FileError(json_file, f"the folder {json_file.parent} does not exist")
-    bounds = bounds_of(name, quick) if gate else {}
-    if gate and not bounds:
-        raise RetargetError(f"the bench {name!r} has no committed baseline {'with' if quick else 'without'} --quick")
-    with progress_line(progress) as tell:
-        report = load_bench(name).run(quick=quick, tell=tell)
-    if gate:
-        worse = regressions(report["summary"], bounds)
-        verdict = [f"{len(bounds)} figures within the baseline"] if not worse else ["worse than the baseline:", *worse]
-        report |= {"regressions": worse, "lines": [*report["lines"], "", *verdict]}
-    if json_file is not None:
-        with written_whole(json_file) as file:
-            file.write(json.dumps({key: value for key, value in report.items() if key != "lines"}, indent=1).encode())
-    return report

@@ -1,4 +1,4 @@
-"""What `retarget evaluate` does: read result, source and truth, measure, draw, and put the report into words."""
+"""What `retarget evaluate` does (read result, source and truth, measure, draw, put the report into words) and `bench`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from retarget.character import Motion
-from retarget.errors import FileError
+from retarget.errors import FileError, RetargetError
 from retarget.evaluate.report import Report, evaluate
 from retarget.evaluate.take import Take
 from retarget.io import load
 from retarget.io.asset import Asset
+from retarget.io.whole_file import written_whole
 from retarget.motion.filter import cut
 from retarget.progress import progress_line
 from retarget.retargeting import Hints, cast
@@ -220,3 +221,32 @@ def _lines(question: Question, report: Report, clips: dict[str, str], notes: lis
 
 def _number(value: float | None, factor: float) -> str:
     return "-" if value is None else f"{value * factor:.2f}"
+
+
+def run_bench(
+    name: str, quick: bool, json_file: Path | None, gate: bool = False, progress: bool = False
+) -> dict[str, Any]:
+    """Run a bench and print its table; with `gate`, `regressions` lists what got worse than the committed baseline."""
+    import json
+
+    from retarget.errors import unknown_name
+    from retarget.evaluate.benches import BENCHES, load_bench
+    from retarget.evaluate.gate import bounds_of, regressions
+
+    if name not in BENCHES:
+        raise unknown_name("bench", name, BENCHES, "this version")
+    if json_file is not None and not json_file.parent.is_dir():
+        raise FileError(json_file, f"the folder {json_file.parent} does not exist")
+    bounds = bounds_of(name, quick) if gate else {}
+    if gate and not bounds:
+        raise RetargetError(f"the bench {name!r} has no committed baseline {'with' if quick else 'without'} --quick")
+    with progress_line(progress) as tell:
+        report = load_bench(name).run(quick=quick, tell=tell)
+    if gate:
+        worse = regressions(report["summary"], bounds)
+        verdict = [f"{len(bounds)} figures within the baseline"] if not worse else ["worse than the baseline:", *worse]
+        report |= {"regressions": worse, "lines": [*report["lines"], "", *verdict]}
+    if json_file is not None:
+        with written_whole(json_file) as file:
+            file.write(json.dumps({key: value for key, value in report.items() if key != "lines"}, indent=1).encode())
+    return report

@@ -13,28 +13,12 @@ import pytest
 from made_folders import NAMES, QUICK, contents, make_characters, make_motions, records, short
 from made_motions import body, fingerless, walk
 
-from retarget import cli
 from retarget.batch.run import Batch, run_batch
 from retarget.batch.work import Settings
 from retarget.errors import FileError, RetargetError
 from retarget.io import load, save
 
 PLAIN = Settings(method="copy-rotations")
-
-
-@pytest.fixture
-def command(monkeypatch, capfd):
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["retarget", *map(str, words)])
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as leaving:
-            code = leaving.code or 0
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return run
 
 
 @pytest.fixture(scope="module")
