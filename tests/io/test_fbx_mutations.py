@@ -10,34 +10,13 @@ import pytest
 from fbx_maker import document
 
 from retarget.errors import RetargetError
+from retarget.evaluate.damage import damaged
 from retarget.io import gltf
 
 HERE = Path(__file__).parent
 MUTATIONS = int(os.environ.get("RETARGET_MUTATIONS", 2000))
 SECONDS = 20.0
 """For one file."""
-
-
-def damaged(content, random):
-    """The bytes with a few changed, cut out, doubled or moved, or cut off."""
-    content = bytearray(content)
-    for _ in range(int(random.integers(1, 4))):
-        place = int(random.integers(len(content)))
-        length = int(random.integers(1, 40))
-        match int(random.integers(5)):
-            case 0:
-                content[place] = int(random.integers(256))
-            case 1:
-                del content[place : place + length]
-            case 2:
-                content[place:place] = content[place : place + length]
-            case 3:
-                content[place : place + length] = random.bytes(length)
-            case 4 if random.random() < 0.2:
-                del content[place:]
-        if not content:
-            return b""
-    return bytes(content)
 
 
 def convert_all(folder, count):
