@@ -141,3 +141,12 @@ def signed_volume(
     4.2.1, with the fifth term of the printed formula corrected to -x_j y_i z_k)."""
     a, b, c = (vertices[..., faces[:, corner], :] for corner in range(3))
     return (a * np.cross(b, c)).sum(axis=(-1, -2)) / 6.0
+
+
+def vertex_normals(vertices: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"]) -> Float[Array, "vertices 3"]:
+    """Unit normals of the vertices: the mean over the faces around, by area; nought where no face has an area."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    across = np.cross(b - a, c - a)
+    corners, count = faces.ravel(), len(vertices)
+    total = np.stack([np.bincount(corners, np.repeat(across[:, axis], 3), count) for axis in range(3)], axis=1)
+    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)

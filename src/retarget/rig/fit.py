@@ -1,0 +1,244 @@
+"""A template's body laid into a surface: Gauss-Newton over turns, place and shape.
+
+Points are drawn to points: to given ones first, where a map is at hand, then to the nearest with a like normal, both ways,
+along the normal more than across it. What has no counterpart (a hat, a hole, a hand grown into a hip) counts for little, by
+the weights of Geman and McClure. Turns and coefficients stay near what is usual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from retarget.body import rotations as rot
+from retarget.geometry.geodesic import farthest_points
+from retarget.geometry.resample import Surface
+from retarget.geometry.topology import vertex_normals
+from retarget.rig.fit_model import BodyState, FitModel, PosedBody, moved_state, pose_body
+
+Array = np.ndarray
+
+HEIGHT = 1.7
+"""Metres: about the height of the bodies that are fitted, on which all lengths here rest."""
+LIKE_NORMALS = 0.08 * HEIGHT
+"""How far apart opposite normals put two places when the nearest is sought, half of it in metres."""
+WORST = 0.1
+"""Metres beyond which a distance counts as this in the misfit."""
+LARGEST_TURN = 0.6
+"""Radians in one step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A surface prepared to be fitted: `prepare_target` makes one. In metres of a body about `HEIGHT` tall."""
+
+    vertices: Float[Array, "vertices 3"]
+    normals: Float[Array, "vertices 3"]
+    faces: Int[Array, "faces 3"]
+    spread: Int[Array, "spread"]
+    """Vertices spread evenly, so that any first ones are spread too."""
+    tree: Any
+    unit: float
+    """Metres in a unit of the surface."""
+    origin: Float[Array, "3"]
+    """Its middle, in its own units: `vertices = (surface - origin) unit`."""
+
+    def outside(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+        """Points in the surface's own units and place."""
+        return points / self.unit + self.origin
+
+
+@dataclass(frozen=True)
+class Pull:
+    """How one round of the fit weighs."""
+
+    reach: float
+    """Metres at which a distance begins to count for less."""
+    across: float
+    """Weight of moves across the normal; along it is 1."""
+    pose: float
+    """Weight of a squared radian between a joint and its parent."""
+    shape: float
+    """Weight of a squared standard deviation."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """How far a fitted body is from its surface."""
+
+    template: float
+    """Metres, root mean square from the template's points to the surface, each at most `WORST`."""
+    surface: float
+    """The same from the surface to the template: large for what the template has not, like hats and swords."""
+    feet: float
+    """Both of these together on the feet alone, which fit one way round only."""
+
+    @property
+    def total(self) -> float:
+        """What readings are compared by, metres."""
+        return self.template + self.surface + 0.5 * self.feet
+
+
+def prepare_target(surface: Surface, unit: float, count: int = 1200) -> Target:
+    """A surface whose unit is so many metres, for a body about `HEIGHT` tall."""
+    from scipy.spatial import cKDTree
+
+    origin = surface.vertices.mean(axis=0)
+    vertices = (surface.vertices - origin) * unit
+    normals = vertex_normals(surface.vertices, surface.faces)
+    first = int(np.linalg.norm(vertices, axis=1).argmax())
+    spread = farthest_points(vertices, count, first)
+    tree = cKDTree(_with_normals(vertices, normals))
+    return Target(vertices, normals, surface.faces, spread, tree, unit, origin)
+
+
+def fit_to_places(
+    model: FitModel, state: BodyState, places: Float[Array, "points 3"], rounds: int, pull: Pull
+) -> BodyState:
+    """Draw every point of the model to a place of its own."""
+    for _ in range(rounds):
+        posed = pose_body(model, state, derivatives=True)
+        away = places - posed.points
+        weight = _robust(np.linalg.norm(away, axis=1), pull.reach) / len(away)
+        normal, gradient = _everywhere(posed.jacobian, away, weight)
+        state = _step(model, state, normal, gradient, pull)
+    return state
+
+
+def fit_to_surface(
+    model: FitModel, state: BodyState, target: Target, pulls: Iterator[Pull] | list[Pull], count: int | None = None
+) -> BodyState:
+    """Draw the model's points to the nearest of the surface, and the surface's (the first `count` spread ones) to the
+    model's, a round for every pull."""
+    from scipy.spatial import cKDTree
+
+    spread = target.spread[:count]
+    seen = _with_normals(target.vertices[spread], target.normals[spread])
+    for pull in pulls:
+        posed = pose_body(model, state, derivatives=True)
+        own = _with_normals(posed.points, posed.normals)
+        _, near = target.tree.query(own)
+        _, back = cKDTree(own).query(seen)
+        index = np.concatenate([np.arange(len(own)), back])
+        found = np.concatenate([near, spread])
+        away = target.vertices[found] - posed.points[index]
+        share = np.repeat([1.0 / len(own), 1.0 / len(spread)], [len(own), len(spread)])
+        weight = _robust(np.linalg.norm(away, axis=1), pull.reach) * share
+        normal, gradient = _along(posed, index, target.normals[found], away, weight, pull.across)
+        state = _step(model, state, normal, gradient, pull)
+    return state
+
+
+def misfit(model: FitModel, state: BodyState, target: Target, feet: Bool[Array, "points"]) -> Misfit:
+    """How far the fitted body is from the surface; `feet` are the model's points on them."""
+    from scipy.spatial import cKDTree
+
+    posed = pose_body(model, state)
+    own = _with_normals(posed.points, posed.normals)
+    _, near = target.tree.query(own)
+    _, back = cKDTree(own).query(_with_normals(target.vertices[target.spread], target.normals[target.spread]))
+    there = np.linalg.norm(target.vertices[near] - posed.points, axis=1)
+    here = np.linalg.norm(target.vertices[target.spread] - posed.points[back], axis=1)
+    return Misfit(_root_mean_square(there), _root_mean_square(here),
+                  _root_mean_square(there[feet]) + _root_mean_square(here[feet[back]]))  # fmt: skip
+
+
+def _root_mean_square(distances: Float[Array, "_"]) -> float:
+    """With every distance at most `WORST`; `WORST` for none at all."""
+    return float(np.sqrt((np.minimum(distances, WORST) ** 2).mean())) if len(distances) else WORST
+
+
+def state_from_places(model: FitModel, places: Float[Array, "points 3"], shape: Float[Array, "shapes"]) -> BodyState:
+    """A first state: each part turned as its points were (Kabsch 1976, by skinning weight), and the whole body scaled (its
+    last shape) and moved to where they lie."""
+    rest, count = model.points_of(shape), len(model.parents)
+    turns = np.empty((count, 3, 3))
+    grown = spread = 0.0
+    for joint in range(count):
+        weight = model.weights[:, joint]
+        total = float(weight.sum())
+        if total < 1e-6 * len(weight):
+            turns[joint] = turns[model.parents[joint]] if joint else np.eye(3)
+            continue
+        here, there = rest - weight @ rest / total, places - weight @ places / total
+        u, sizes, vt = np.linalg.svd((weight[:, None] * here).T @ there)
+        sign = np.array([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])
+        turns[joint] = vt.T @ (sign[:, None] * u.T)
+        grown, spread = grown + float(sizes @ sign), spread + float(weight @ (here**2).sum(axis=1))
+    scaled = scaled_shape(shape, max(grown / max(spread, 1e-12), 0.1))
+    first = BodyState(scaled, turns, np.zeros(3))
+    trunk = model.weights[:, :3].sum(axis=1) + 1e-9
+    return BodyState(scaled, turns, trunk @ (places - pose_body(model, first).points) / trunk.sum())
+
+
+def scaled_shape(shape: Float[Array, "shapes"], factor: float) -> Float[Array, "shapes"]:
+    """The shape of the same body `factor` times as large. The last shape of a model is the mean body itself."""
+    scaled = shape * factor
+    scaled[-1] = (1.0 + shape[-1]) * factor - 1.0
+    return scaled
+
+
+def _with_normals(points: Float[Array, "points 3"], normals: Float[Array, "points 3"]) -> Float[Array, "points 6"]:
+    return np.concatenate([points, LIKE_NORMALS * normals], axis=1)
+
+
+def _robust(distance: Float[Array, "points"], reach: float) -> Float[Array, "points"]:
+    """Geman and McClure's weights: one near by, falling with the fourth power beyond the reach."""
+    return 1.0 / (1.0 + (distance / reach) ** 2) ** 2
+
+
+def _along(
+    posed: PosedBody,
+    index: Int[Array, "pairs"],
+    normals: Float[Array, "pairs 3"],
+    away: Float[Array, "pairs 3"],
+    weight: Float[Array, "pairs"],
+    across: float,
+) -> tuple[Float[Array, "parameters parameters"], Float[Array, "parameters"]]:
+    """Normal equations of pairs that pull along their normals in full, and by `across` in every direction.
+
+    Pairs of one point share its derivatives, so their 3x3 metrics are added up first.
+    """
+    metric = weight[:, None, None] * (normals[:, :, None] * normals[:, None, :] + across * np.eye(3))
+    force = np.einsum("pab,pb->pa", metric, away)
+    count = len(posed.points)
+    metrics = np.stack([np.bincount(index, metric[:, a, b], count) for a in range(3) for b in range(3)], axis=1)
+    forces = np.stack([np.bincount(index, force[:, a], count) for a in range(3)], axis=1)
+    jacobian = posed.jacobian
+    turned = np.matmul(metrics.reshape(-1, 3, 3), jacobian)
+    flat = jacobian.reshape(-1, jacobian.shape[2])
+    return flat.T @ turned.reshape(flat.shape), flat.T @ forces.ravel()
+
+
+def _everywhere(
+    jacobian: Float[Array, "points 3 parameters"], away: Float[Array, "points 3"], weight: Float[Array, "points"]
+) -> tuple[Float[Array, "parameters parameters"], Float[Array, "parameters"]]:
+    flat, heavy = jacobian.reshape(-1, jacobian.shape[2]), np.repeat(weight, 3)
+    return flat.T @ (flat * heavy[:, None]), flat.T @ (heavy * away.ravel())
+
+
+def _step(
+    model: FitModel,
+    state: BodyState,
+    normal: Float[Array, "parameters parameters"],
+    gradient: Float[Array, "parameters"],
+    pull: Pull,
+) -> BodyState:
+    """Add what is usual of poses and shapes, solve, and move."""
+    count, parents = len(model.parents), model.parents
+    relative = np.matmul(state.turns[parents[1:]].transpose(0, 2, 1), state.turns[1:])
+    bent = rot.to_rotation_vector(rot.from_matrix(relative))
+    diagonal = np.zeros(len(gradient))
+    diagonal[3 : 3 * count] = pull.pose
+    gradient[3 : 3 * count] -= pull.pose * np.einsum("jab,jb->ja", state.turns[parents[1:]], bent).ravel()
+    stiff = pull.shape / model.spread**2
+    diagonal[3 * count + 3 :] = stiff
+    gradient[3 * count + 3 :] -= stiff * (state.shape - model.usual)
+    diagonal += 1e-6 + 1e-9 * np.trace(normal) / len(gradient)
+    step = np.linalg.solve(normal + np.diag(diagonal), gradient)
+    largest = np.abs(step[: 3 * count]).max()
+    return moved_state(state, step * min(1.0, LARGEST_TURN / max(largest, 1e-12)), parents)

@@ -1,0 +1,191 @@
+"""A body that can be fitted: rest surface and joints that depend linearly on shape coefficients, posed by skinning.
+
+Points and their derivatives by every turn, move and coefficient are closed form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from retarget.body import rotations as rot
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class FitModel:
+    """What a fit knows of the template, at chosen points of its surface."""
+
+    parents: Int[Array, "joints"]
+    """Parents come before their children; joint 0 is the root."""
+    points: Float[Array, "points 3"]
+    """At rest, in the mean shape."""
+    normals: Float[Array, "points 3"]
+    joints: Float[Array, "joints 3"]
+    """At rest, in the mean shape."""
+    weights: Float[Array, "points joints"]
+    """Skinning weights."""
+    point_basis: Float[Array, "shapes points 3"]
+    """How points move with each coefficient of the shape."""
+    joint_basis: Float[Array, "shapes joints 3"]
+    spread: Float[Array, "shapes"]
+    """How far each coefficient is expected to go: one standard deviation."""
+    usual: Float[Array, "shapes"]
+    """The shape that coefficients are expected around."""
+
+    def around(self, shape: Float[Array, "shapes"]) -> FitModel:
+        """The same body, expected to be near another shape."""
+        return replace(self, usual=shape)
+
+    def at(self, chosen: Int[Array, "chosen"] | slice) -> FitModel:
+        """The same body at some of its points."""
+        return FitModel(
+            self.parents, self.points[chosen], self.normals[chosen], self.joints, self.weights[chosen],
+            self.point_basis[:, chosen], self.joint_basis, self.spread, self.usual,
+        )  # fmt: skip
+
+    def points_of(self, shape: Float[Array, "shapes"]) -> Float[Array, "points 3"]:
+        """Points at rest in a shape."""
+        return self.points + np.tensordot(shape, self.point_basis, axes=1)
+
+    def joints_of(self, shape: Float[Array, "shapes"]) -> Float[Array, "joints 3"]:
+        """Joints at rest in a shape."""
+        return self.joints + np.tensordot(shape, self.joint_basis, axes=1)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyState:
+    """A shape in a pose."""
+
+    shape: Float[Array, "shapes"]
+    turns: Float[Array, "joints 3 3"]
+    """Rotation of each joint's part from rest, in the world."""
+    root: Float[Array, "3"]
+    """Place of the first joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class PosedBody:
+    """Where a state puts points, normals and joints, and how points move with it."""
+
+    points: Float[Array, "points 3"]
+    normals: Float[Array, "points 3"]
+    joints: Float[Array, "joints 3"]
+    jacobian: Float[Array, "points 3 parameters"] | None
+    """By the turns of the joints (about world axes, three a joint), the root's move, and the coefficients of the shape."""
+
+
+def hangs_on(parents: Int[Array, "joints"]) -> Float[Array, "joints joints"]:
+    """1 in row a, column d, where joint d is joint a or hangs on it; else 0."""
+    below = np.eye(len(parents))
+    for joint in range(len(parents) - 1, 0, -1):
+        below[parents[joint]] = np.maximum(below[parents[joint]], below[joint])
+    return below
+
+
+def part_transforms(model: FitModel, state: BodyState) -> tuple[Float[Array, "joints 3"], Float[Array, "joints 3"]]:
+    """Places of the joints, and what each part's rigid move adds after its turn."""
+    rest = model.joints_of(state.shape)
+    joints = np.empty_like(rest)
+    joints[0] = state.root
+    for joint in range(1, len(rest)):
+        above = model.parents[joint]
+        joints[joint] = joints[above] + state.turns[above] @ (rest[joint] - rest[above])
+    return joints, joints - np.einsum("jab,jb->ja", state.turns, rest)
+
+
+def pose_body(model: FitModel, state: BodyState, derivatives: bool = False) -> PosedBody:
+    """Linear blend skinning of a shape."""
+    rest = model.points_of(state.shape)
+    joints, offsets = part_transforms(model, state)
+    blended = np.tensordot(model.weights, state.turns, axes=1)
+    points = np.einsum("pab,pb->pa", blended, rest) + model.weights @ offsets
+    normals = rot.unit(np.einsum("pab,pb->pa", blended, model.normals))
+    if not derivatives:
+        return PosedBody(points, normals, joints, None)
+    jacobian = np.concatenate(
+        [_by_turns(model, state, rest, joints, offsets), _by_move(len(points)), _by_shape(model, state, blended)],
+        axis=2,
+    )
+    return PosedBody(points, normals, joints, jacobian)
+
+
+def _by_turns(
+    model: FitModel,
+    state: BodyState,
+    rest: Float[Array, "points 3"],
+    joints: Float[Array, "joints 3"],
+    offsets: Float[Array, "joints 3"],
+) -> Float[Array, "points 3 turns"]:
+    """A turn of a joint carries all that hangs on it about the joint: the cross product with the weighted arm."""
+    below = hangs_on(model.parents)
+    carried = np.einsum("jab,pb->pja", state.turns, rest) + offsets
+    arms = np.matmul(below, model.weights[..., None] * carried) - (model.weights @ below.T)[..., None] * joints
+    jacobian = np.zeros((len(rest), 3, 3 * len(joints)))
+    for axis, (y, z) in enumerate(((1, 2), (2, 0), (0, 1))):
+        jacobian[:, y, axis::3] = -arms[..., z]
+        jacobian[:, z, axis::3] = arms[..., y]
+    return jacobian
+
+
+def _by_move(points: int) -> Float[Array, "points 3 3"]:
+    return np.broadcast_to(np.eye(3), (points, 3, 3))
+
+
+def _by_shape(
+    model: FitModel, state: BodyState, blended: Float[Array, "points 3 3"]
+) -> Float[Array, "points 3 shapes"]:
+    """Points and joints that a coefficient moves at rest, carried into the pose."""
+    moved = np.zeros_like(model.joint_basis)
+    for joint in range(1, len(model.parents)):
+        above = model.parents[joint]
+        step = model.joint_basis[:, joint] - model.joint_basis[:, above]
+        moved[:, joint] = moved[:, above] + step @ state.turns[above].T
+    moved -= np.einsum("jab,kjb->kja", state.turns, model.joint_basis)
+    shapes = len(model.spread)
+    own = np.matmul(blended, model.point_basis.transpose(1, 2, 0))
+    return own + (model.weights @ moved.transpose(1, 2, 0).reshape(len(model.parents), -1)).reshape(-1, 3, shapes)
+
+
+def moved_state(state: BodyState, step: Float[Array, "parameters"], parents: Int[Array, "joints"]) -> BodyState:
+    """The state after a step in the parameters of `PosedBody.jacobian`: what hangs on a joint turns with it."""
+    count = len(parents)
+    own = rot.to_matrix(rot.from_rotation_vector(step[: 3 * count].reshape(count, 3)))
+    turns = own.copy()
+    for joint in range(1, count):
+        turns[joint] = turns[parents[joint]] @ own[joint]
+    return BodyState(
+        state.shape + step[3 * count + 3 :], turns @ state.turns, state.root + step[3 * count : 3 * count + 3]
+    )
+
+
+def part_shapes(
+    parents: Int[Array, "joints"],
+    points: Float[Array, "points 3"],
+    joints: Float[Array, "joints 3"],
+    weights: Float[Array, "points joints"],
+    groups: list[list[int]],
+) -> tuple[Float[Array, "shapes points 3"], Float[Array, "shapes joints 3"]]:
+    """Two shapes for each group of joints (one joint, or a left and a right one): their parts larger about the joint, with
+    what hangs on them carried along; and their parts thicker about the bone. Ours, for bodies of any proportions."""
+    below = hangs_on(parents) > 0
+    moved, shifted = [], []
+    for group in groups:
+        larger, thicker, apart = np.zeros_like(points), np.zeros_like(points), np.zeros_like(joints)
+        for joint in group:
+            arms = points - joints[joint]
+            larger += weights[:, joint, None] * arms
+            ends = np.flatnonzero(parents == joint)
+            for child in ends:
+                bone = joints[child] - joints[joint]
+                larger += weights[:, below[child]].sum(axis=1)[:, None] * bone
+                apart[below[child]] += bone
+            middle = weights[:, joint] @ points / max(float(weights[:, joint].sum()), 1e-12)
+            axis = rot.unit((joints[ends].mean(axis=0) if len(ends) else middle) - joints[joint])
+            thicker += weights[:, joint, None] * (arms - (arms @ axis)[:, None] * axis)
+        moved += [larger, thicker]
+        shifted += [apart, np.zeros_like(joints)]
+    return np.stack(moved), np.stack(shifted)
