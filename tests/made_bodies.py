@@ -9,6 +9,7 @@ from made_motions import body, fingerless, poses
 from retarget.body.kinematics import local_rotations, rest_pose, world_pose
 from retarget.body.skinning import prepare_skinning
 from retarget.character import Character, Mesh, Motion, Skeleton, Skin
+from retarget.geometry.resample import Surface, subdivide
 
 BOX_FACES = np.array(
     [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6],
@@ -193,3 +194,16 @@ def random_turns(seed):
     size |= {f"{side}{joint}": 1.1 for side in ("left", "right") for joint in ("UpperArm", "LowerArm")}
     size |= {f"{side}{joint}": 0.7 for side in ("left", "right") for joint in ("UpperLeg", "LowerLeg", "Hand")}
     return {name: rng.normal(size=3) * most for name, most in size.items()}
+
+
+def sphere(rounds=4):
+    """A ball of radius one with even triangles: an octahedron, subdivided."""
+    corners = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    surface = Surface(corners, np.array(faces))
+    for _ in range(rounds):
+        surface, _ = subdivide(surface)
+        surface = Surface(
+            surface.vertices / np.linalg.norm(surface.vertices, axis=1, keepdims=True), surface.faces
+        )
+    return surface

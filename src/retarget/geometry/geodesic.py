@@ -26,11 +26,11 @@ class Geodesics:
 
     def distance(self, vertex: int) -> Float[Array, "vertices"]:
         """From one vertex to all."""
-        return self._solver.compute_distance(int(vertex)) / self.size
+        return self._solver.compute_distance(vertex) / self.size
 
     def distances(self, vertices: Int[Array, "sources"]) -> Float[Array, "vertices sources"]:
         """From several vertices to all."""
-        return np.stack([self.distance(vertex) for vertex in vertices], axis=1)
+        return np.stack([self.distance(vertex) for vertex in vertices.tolist()], axis=1)
 
 
 def farthest_points(points: Float[Array, "points d"], count: int, first: int = 0) -> Int[Array, "chosen"]:
