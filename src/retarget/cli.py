@@ -22,6 +22,7 @@ from retarget.cli_options import (
     Json,
     MapFile,
     MethodName,
+    PageBesideReport,
     SmplModel,
     Steady,
     TargetUnit,
@@ -83,7 +84,7 @@ def _common(
     pass
 
 
-@app.command()
+@app.command(cls=PageBesideReport)
 def run(
     inputs: Annotated[
         list[Path], typer.Argument(help="Motions (files or folders), and last the character.", show_default=False)
@@ -109,8 +110,13 @@ def run(
         typer.Option("--for", help="Conventions of: unreal, unity, blender or godot.", show_default=False),
     ] = None,
     show_report: Annotated[
-        bool, typer.Option("--report", help="Also print what was corrected, where and by how much.")
+        bool,
+        typer.Option(
+            "--report",
+            help="Also print what was corrected, where and by how much; --report FILE.html writes the page of `retarget report`.",
+        ),
     ] = False,
+    page: Annotated[Optional[Path], typer.Option("--report-page", hidden=True)] = None,
     map_file: MapFile = None,
     smpl_model: SmplModel = None,
     up: Up = None,
@@ -122,7 +128,7 @@ def run(
 ) -> None:
     """Put motions on a character: `retarget run dance.bvh knight.glb -o knight_dance.glb`."""
     _listen(verbose)
-    from retarget.commands import Order, run_order
+    from retarget.commands_run import Order, run_order
     from retarget.errors import RetargetError
 
     if len(inputs) < 2:
@@ -131,7 +137,7 @@ def run(
         motions=tuple(inputs[:-1]), target=inputs[-1], output=output, clip=clip, all_clips=all_clips, start=start, end=end,
         fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock, "steady": steady},
         animation_only=animation_only, map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
-        contacts=contacts_file, report=show_report, engine=engine, smpl_model=smpl_model,
+        contacts=contacts_file, report=show_report, page=page, engine=engine, smpl_model=smpl_model,
     )  # fmt: skip
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
 

@@ -45,6 +45,8 @@ WRITERS = {
 WRITTEN_SUFFIXES = tuple(WRITERS)
 THROUGH_BLENDER = (".fbx", ".abc")
 """Those that Blender writes, where there is one."""
+ONE_CLIP = (".bvh", ".abc")
+"""Those that hold one clip."""
 
 
 def load(path: str | Path, *, smpl_model: str | Path | None = None) -> Asset:
@@ -120,21 +122,26 @@ def save_sequence(path: str | Path, motion: MeshMotion) -> None:
         raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, not as {path.suffix!r}")
 
 
-def check_output(path: str | Path, character: Character | None = None, animation_only: bool = False) -> None:
-    """Refuse an output that could not be written, or could not hold the character, before any work is done. Raises
-    `FileError`."""
-    path = Path(path)
+def check_format(path: Path) -> None:
+    """Refuse a suffix that this installation cannot write, whatever is to be written. Raises `FileError`."""
     if path.suffix.lower() not in WRITTEN_SUFFIXES:
         raise FileError(
             path, f"cannot write {path.suffix or 'a file without suffix'!r}; use {', '.join(WRITTEN_SUFFIXES)}"
         )
     if WRITERS[path.suffix.lower()] == "retarget.io.usd":
         importlib.import_module("retarget.io.usd").require_usd(path)
+    if path.suffix.lower() in THROUGH_BLENDER:
+        importlib.import_module("retarget.io.blender").blender(path)
+
+
+def check_output(path: str | Path, character: Character | None = None, animation_only: bool = False) -> None:
+    """Refuse an output that could not be written, or could not hold the character, before any work is done. Raises
+    `FileError`."""
+    path = Path(path)
+    check_format(path)
     if path.is_dir():
         raise FileError(path, "is a folder")
     if not path.parent.is_dir():
         raise FileError(path, f"the folder {path.parent} does not exist")
-    if path.suffix.lower() in THROUGH_BLENDER:
-        importlib.import_module("retarget.io.blender").blender(path)
     if character is not None and path.suffix.lower() == ".vrm":
         importlib.import_module("retarget.io.gltf_write").check_holds(path, character, animation_only)

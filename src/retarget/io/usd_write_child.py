@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from retarget.io.child_process import Refused, answer
+from retarget.io.provenance import KEY
 from retarget.io.usd_assets import Assets, write_package
 from retarget.io.usd_layers import check_layers, in_plain_words
 from retarget.io.usd_stage import make_stage
@@ -99,6 +100,8 @@ def add_clips(stage: Any, skeleton: Any, order: dict[str, Any], arrays: dict[str
         animation = UsdSkel.Animation.Define(stage, path.AppendChild(free))
         if clip["name"] != free:
             animation.GetPrim().SetDisplayName(clip["name"])
+        if "made_from" in clip:
+            animation.GetPrim().SetCustomDataByKey(KEY, clip["made_from"])
         values = (arrays[f"{name}_{number}"] for name in ("translations", "rotations", "scales"))
         _fill(animation, order["tokens"], *values, rate / clip["fps"])
         paths.append(animation.GetPath())
