@@ -15,6 +15,7 @@ from retarget import cli_files
 from retarget.cli_options import (
     AnimationOnly,
     ContactsFile,
+    Engine,
     File,
     FootLock,
     Fps,
@@ -105,10 +106,7 @@ def run(
     steady: Steady = True,
     animation_only: AnimationOnly = False,
     contacts_file: ContactsFile = None,
-    engine: Annotated[
-        Optional[str],
-        typer.Option("--for", help="Conventions of: unreal, unity, blender or godot.", show_default=False),
-    ] = None,
+    engine: Engine = None,
     show_report: Annotated[
         bool,
         typer.Option(

@@ -41,6 +41,9 @@ AnimationOnly = Annotated[bool, typer.Option("--animation-only", help="Write joi
 ContactsFile = Annotated[
     Optional[Path], typer.Option("--contacts", help="Contacts file (see `retarget contacts`).", show_default=False)
 ]
+Engine = Annotated[
+    Optional[str], typer.Option("--for", help="Conventions of: unreal, unity, blender or godot.", show_default=False)
+]
 MapFile = Annotated[
     Optional[Path], typer.Option("--map", help="Joint mapping to use (see `retarget map`).", show_default=False)
 ]

@@ -47,6 +47,8 @@ THROUGH_BLENDER = (".fbx", ".abc")
 """Those that Blender writes, where there is one."""
 ONE_CLIP = (".bvh", ".abc")
 """Those that hold one clip."""
+DROPPING_CLIPS = (".glb", ".gltf", ".vrm", ".usd", ".usda", ".usdc", ".usdz")
+"""Those whose writers keep the file that a character came from, unless `keep_clips=False` leaves out the clips it had."""
 
 
 def load(path: str | Path, *, smpl_model: str | Path | None = None) -> Asset:
@@ -143,5 +145,13 @@ def check_output(path: str | Path, character: Character | None = None, animation
         raise FileError(path, "is a folder")
     if not path.parent.is_dir():
         raise FileError(path, f"the folder {path.parent} does not exist")
-    if character is not None and path.suffix.lower() == ".vrm":
+    if character is not None:
+        check_holds(path, character, animation_only)
+
+
+def check_holds(path: Path, character: Character, animation_only: bool) -> None:
+    """Refuse a format that cannot hold the character. Raises `FileError`."""
+    if path.suffix.lower() == ".vrm":
         importlib.import_module("retarget.io.gltf_write").check_holds(path, character, animation_only)
+    if path.suffix.lower() == ".abc" and (animation_only or character.skin is None):
+        raise FileError(path, "an Alembic file holds moving surfaces, and there is none to write; use .glb, .fbx or .bvh")
