@@ -149,6 +149,15 @@ def check_output(path: str | Path, character: Character | None = None, animation
         check_holds(path, character, animation_only)
 
 
+def keeps_file(path: Path, character: Character) -> bool:
+    """Whether the format of `path` is written as the file that the character came from, with all clips that it had."""
+    writer = WRITERS.get(path.suffix.lower())
+    if character.origin is None or writer not in ("retarget.io.gltf", "retarget.io.usd"):
+        return False
+    module = importlib.import_module(writer)
+    return isinstance(character.origin, module.GltfOrigin if writer == "retarget.io.gltf" else module.UsdOrigin)
+
+
 def check_holds(path: Path, character: Character, animation_only: bool) -> None:
     """Refuse a format that cannot hold the character. Raises `FileError`."""
     if path.suffix.lower() == ".vrm":
