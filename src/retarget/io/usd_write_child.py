@@ -83,12 +83,14 @@ def add_clips(stage: Any, skeleton: Any, order: dict[str, Any], arrays: dict[str
         return
     moving = ("rotations", "translations")
     sampled = any(prim.GetAttribute(name).GetNumTimeSamples() for prim in earlier for name in moving)
-    if not (sampled or stage.HasAuthoredTimeCodeRange()):
-        stage.SetTimeCodesPerSecond(clips[0]["fps"])
-        stage.SetFramesPerSecond(clips[0]["fps"])
+    alone = not (sampled or stage.HasAuthoredTimeCodeRange())
     if not order.get("keep_clips", True):
         for prim in earlier:
             stage.RemovePrim(prim.GetPath())
+        alone = not any(each.GetNumTimeSamples() for prim in stage.Traverse() for each in prim.GetAttributes())
+    if alone:  # nothing else in the stage counts on its clock
+        stage.SetTimeCodesPerSecond(clips[0]["fps"])
+        stage.SetFramesPerSecond(clips[0]["fps"])
     if order.get("settle"):
         _settle(skeleton)
     rate = stage.GetTimeCodesPerSecond()
