@@ -14,6 +14,7 @@ from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import DROPPING_CLIPS, ONE_CLIP, WRITTEN_SUFFIXES, check_format, check_holds, keeps_file, load, save
 from retarget.io.asset import Asset
 from retarget.io.file_names import distinct, portable
+from retarget.io.whole_file import check_folder
 from retarget.motion.align import AXES, Similarity
 from retarget.motion.filter import resample
 from retarget.retargeting import Hints, cast
@@ -53,8 +54,8 @@ def convert_file(order: Conversion) -> dict[str, Any]:
     if output.suffix.lower() not in (*WRITTEN_SUFFIXES, *SURFACE_SUFFIXES) and not sequence:
         forms = f"{', '.join(WRITTEN_SUFFIXES)}, {' or '.join(SURFACE_SUFFIXES)} for a still surface, .npz or a new folder for a moving one"
         raise FileError(output, f"cannot write {output.suffix or 'a file without suffix'!r}; use {forms}")
-    if not output.parent.is_dir() and EACH not in output.name:
-        raise FileError(output, f"the folder {output.parent} does not exist")
+    if EACH not in output.name:
+        check_folder(output)
     _expect_other_file(order.file, output)
     if output.suffix.lower() in WRITTEN_SUFFIXES:
         check_format(output)

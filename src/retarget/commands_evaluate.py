@@ -14,7 +14,7 @@ from retarget.evaluate.report import Report, evaluate
 from retarget.evaluate.take import Take
 from retarget.io import load
 from retarget.io.asset import Asset, Clip
-from retarget.io.whole_file import written_whole
+from retarget.io.whole_file import check_folder, written_whole
 from retarget.motion.filter import cut
 from retarget.progress import progress_line
 from retarget.retargeting import Hints, cast
@@ -115,8 +115,7 @@ def evaluate_files(question: Question, progress: bool = False) -> dict[str, Any]
 def _check_picture(path: Path) -> None:
     if path.suffix.lower() != ".png":
         raise FileError(path, "pictures are written as .png")
-    if not path.absolute().parent.is_dir():
-        raise FileError(path, f"the folder {path.parent} does not exist")
+    check_folder(path)
 
 
 def takes_of(question: Question) -> tuple[dict[str, Take], dict[str, str], list[str]]:

@@ -71,6 +71,9 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     if order.page is not None:
         check_page(order.page, order.output if one_file_each else None)
         _expect_one(order.page, len(files), "motions")
+    _expect_other_files(names if one_file_each else [order.output], [*files, order.target])
+    if order.clip is not None and order.all_clips:
+        raise RetargetError(f"--clip {order.clip} and --all-clips contradict each other; give one of them")
     source_hints, target_hints = _hints(order)
     settings = dict(order.settings)
     if order.contacts is not None:
@@ -117,6 +120,13 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     if page is None:
         return {"clips": done, "lines": lines}
     return {"clips": done, "page": page.as_dict(), "lines": [*lines, *page.lines]}
+
+
+def _expect_other_files(outputs: list[Path], inputs: list[Path]) -> None:
+    read = {path.resolve(): path for path in inputs}
+    for output in outputs:
+        if output.resolve() in read:
+            raise FileError(output, "is read, as motion or character, and would be replaced; name another file")
 
 
 def _expect_one(page: Path, count: int, what: str) -> None:
@@ -221,7 +231,12 @@ def _wanted_clips(asset: Asset, order: Order) -> list[int]:
 def _part(file: Path, motion: Motion, order: Order) -> Motion:
     """What is taken of a clip, which remembers where it was taken from."""
     motion = replace(motion, made_from=Provenance.whole(file, motion))
-    return motion if order.start is None and order.end is None else cut(motion, order.start, order.end)
+    if order.start is None and order.end is None:
+        return motion
+    try:
+        return cut(motion, order.start, order.end)
+    except RetargetError as error:
+        raise FileError(file, f"clip {motion.name!r}: {error}") from None
 
 
 def _at_rate(motion: Motion, order: Order) -> Motion:

@@ -16,6 +16,7 @@ from retarget.evaluate.corrected import copied_take, turned_joints
 from retarget.evaluate.report import Report, evaluate
 from retarget.evaluate.take import Take, on_one_clock
 from retarget.io import load
+from retarget.io.whole_file import check_folder
 from retarget.methods import Result
 from retarget.motion.filter import cut
 from retarget.progress import Tell, progress_line, untold
@@ -86,9 +87,8 @@ def check_page(path: Path, folder: Path | None = None) -> None:
         raise FileError(path, "reports are written as .html")
     if path.is_dir():
         raise FileError(path, "is a folder")
-    parent = path.absolute().parent
-    if not parent.is_dir() and (folder is None or parent != folder.absolute()):
-        raise FileError(path, f"the folder {path.parent} does not exist")
+    if folder is None or folder.is_dir() or path.absolute().parent != folder.absolute():
+        check_folder(path)
 
 
 @dataclass(frozen=True)

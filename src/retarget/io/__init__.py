@@ -10,6 +10,7 @@ from typing import Any
 from retarget.character import Character, MeshMotion, Motion
 from retarget.errors import FileError, RetargetError
 from retarget.io.asset import Asset
+from retarget.io.whole_file import check_folder
 
 # Module that reads each suffix; imported only when a file of that kind is met.
 READERS = {
@@ -143,8 +144,7 @@ def check_output(path: str | Path, character: Character | None = None, animation
     check_format(path)
     if path.is_dir():
         raise FileError(path, "is a folder")
-    if not path.parent.is_dir():
-        raise FileError(path, f"the folder {path.parent} does not exist")
+    check_folder(path)
     if character is not None:
         check_holds(path, character, animation_only)
 

@@ -83,7 +83,7 @@ def cut(motion: Motion, start: float | None, end: float | None) -> Motion:
     last = len(motion) if end is None else int(round(end * motion.fps)) + 1
     if not 0 <= first < min(last, len(motion)):
         raise RetargetError(
-            f"nothing lies between {start if start is not None else 0} s and {end if end is not None else motion.seconds:g} s; "
+            f"nothing lies between {start if start is not None else 0:g} s and {end if end is not None else motion.seconds:g} s; "
             f"the clip runs from 0 to {motion.seconds:g} s"
         )
     kept, made_from = motion.rotations[first:last], motion.made_from
