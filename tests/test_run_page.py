@@ -86,6 +86,11 @@ def test_json_tells_of_the_page(made, tmp_path, command):
         (("two.glb", "heavy.glb", "-o", "o.glb", "--all-clips", "--report", "r.html"), "but 2 clips are to be retargeted"),
         (("walk.bvh", "two.glb", "heavy.glb", "-o", "o.bvh"), "o.bvh: a .bvh file holds one clip, and 2 are to be written"),
         (("two.glb", "heavy.glb", "-o", "o.bvh", "--all-clips"), "a .bvh file holds one clip, and 2 are to be written"),
+        (("walk.bvh", "heavy.glb", "-o", "walk.bvh"), "walk.bvh: is read, as motion or character, and would be replaced"),
+        (("walk.bvh", "heavy.glb", "-o", "heavy.glb"), "heavy.glb: is read, as motion or character, and would be replaced"),
+        (("walk.bvh", "walk_heavy.glb", "heavy.glb", "-o", "."), "walk_heavy.glb: is read, as motion or character"),
+        (("two.glb", "heavy.glb", "-o", "o.glb", "--clip", "one", "--all-clips"), "--clip one and --all-clips contradict"),
+        (("walk.bvh", "heavy.glb", "-o", "o.glb", "--start", "9"), "walk.bvh: clip 'walk': nothing lies between 9 s and"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_one_line_before_any_work(made, tmp_path, monkeypatch, command, words, said):
@@ -95,11 +100,46 @@ def test_what_cannot_be_is_one_line_before_any_work(made, tmp_path, monkeypatch,
     for path in made.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
     (tmp_path / "dir.html").mkdir()
+    (tmp_path / "walk_heavy.glb").write_bytes((made / "two.glb").read_bytes())
     before = sorted(tmp_path.iterdir())
     monkeypatch.chdir(tmp_path)
     code, out, err = command("run", *words)
     assert (code, out) == (2, "") and said in err and len(err.splitlines()) == 1
     assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "walk.bvh", "heavy.glb", "-o", "shut/o.glb"),
+        ("run", "walk.bvh", "heavy.glb", "-o", "o.glb", "--report", "shut/r.html"),
+        ("report", "two.glb", "-o", "shut/r.html"),
+        ("convert", "two.glb", "shut/o.glb"),
+        ("evaluate", "two.glb", "--source", "walk.bvh", "-o", "shut/c.png"),
+    ],
+)
+def test_a_folder_that_may_not_be_written_in_is_told_before_any_work(made, monkeypatch, command, words):
+    """Permissions do not bind an administrator, so the answer of the system is put in its mouth."""
+    from retarget.io import whole_file
+
+    (made / "shut").mkdir(exist_ok=True)
+    monkeypatch.setattr(whole_file.os, "access", lambda path, mode: path.name != "shut")
+    monkeypatch.chdir(made)
+    code, out, err = command(*words)
+    assert (code, out) == (2, "") and "the folder shut may not be written in" in err and len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("moment", ["load", "cast", "prepare", "save_results"])
+def test_an_interrupt_says_so_and_leaves_nothing(made, tmp_path, monkeypatch, command, moment):
+    from retarget import commands_run
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands_run, moment, interrupt)
+    words = ("run", made / "walk.bvh", made / "heavy.glb", "-o", tmp_path / "o.glb", *QUICK)
+    assert command(*words, "--report", tmp_path / "r.html") == (130, "", "retarget: interrupted\n")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("failing", ["save_results", "evaluate"])

@@ -50,6 +50,10 @@ PRESET_NAMES = "average woman man thin heavy very_heavy muscular tall short elde
 """As in `body.human.PRESETS`, which would load numpy for a help text."""
 
 
+INTERRUPTED = 130
+"""Exit code of a command that Ctrl-C ended."""
+
+
 def main() -> None:
     """Entry point: user mistakes become one line on standard error and exit code 2."""
     from retarget.errors import RetargetError
@@ -59,9 +63,10 @@ def main() -> None:
     except RetargetError as error:
         print(f"retarget: {error}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        print("retarget: interrupted", file=sys.stderr)
-        sys.exit(130)
+    except SystemExit as leaving:
+        if leaving.code == INTERRUPTED:  # typer makes it of Ctrl-C, without a word
+            print("retarget: interrupted", file=sys.stderr)
+        raise
     except BrokenPipeError:  # the reader of our output went away; not an error of the user's
         sys.stderr.close()
         sys.exit(0)
@@ -288,13 +293,15 @@ def evaluate_(
         typer.Option(help="The result's clip (the last one of the source's name if not given).", show_default=False),
     ] = None,
     source_clip: Annotated[
-        Optional[str], typer.Option(help="The source's clip (the one of the result's name).", show_default=False)
+        Optional[str],
+        typer.Option(help="The source's clip (the one that the result names, or of its name).", show_default=False),
     ] = None,
     truth_clip: Annotated[
         Optional[str], typer.Option(help="The truth's clip (the last one of the result's name).", show_default=False)
     ] = None,
     start: Annotated[
-        Optional[float], typer.Option(help="First second of the source that was retargeted.", show_default=False)
+        Optional[float],
+        typer.Option(help="First second of the source to compare with (as the result says, or 0).", show_default=False),
     ] = None,
     end: Annotated[Optional[float], typer.Option(help="Last second of it.", show_default=False)] = None,
     fps: Annotated[
