@@ -89,6 +89,7 @@ def test_json_tells_of_the_page(made, tmp_path, command):
         (("walk.bvh", "heavy.glb", "-o", "walk.bvh"), "walk.bvh: is read, as motion or character, and would be replaced"),
         (("walk.bvh", "heavy.glb", "-o", "heavy.glb"), "heavy.glb: is read, as motion or character, and would be replaced"),
         (("walk.bvh", "walk_heavy.glb", "heavy.glb", "-o", "."), "walk_heavy.glb: is read, as motion or character"),
+        (("alone", "alone/heavy.glb", "-o", "o.glb"), "alone: holds no motion besides the character"),
         (("two.glb", "heavy.glb", "-o", "o.glb", "--clip", "one", "--all-clips"), "--clip one and --all-clips contradict"),
         (("walk.bvh", "heavy.glb", "-o", "o.glb", "--start", "9"), "walk.bvh: clip 'walk': nothing lies between 9 s and"),
     ],
@@ -100,6 +101,8 @@ def test_what_cannot_be_is_one_line_before_any_work(made, tmp_path, monkeypatch,
     for path in made.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
     (tmp_path / "dir.html").mkdir()
+    (tmp_path / "alone").mkdir()
+    (tmp_path / "alone" / "heavy.glb").write_bytes((made / "heavy.glb").read_bytes())
     (tmp_path / "walk_heavy.glb").write_bytes((made / "two.glb").read_bytes())
     before = sorted(tmp_path.iterdir())
     monkeypatch.chdir(tmp_path)

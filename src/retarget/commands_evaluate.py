@@ -163,11 +163,13 @@ def _source_part(
     if not made_from.is_of(question.source) or made_from.clip != source.name or made_from.end > last + frame / 2:
         if from_start:
             return None, None, []
-        return None, None, [f"the result says it was made from {made_from}; it is compared from the start (--start, --end to choose)"]
+        note = f"the result says it was made from {made_from}; it is compared from the start (--start, --end to choose)"
+        return None, None, [note]
     if from_start and made_from.end > last - frame / 2:
         return None, None, []
     part = f"{made_from.start:.6g} to {made_from.end:.6g} s of the source"
-    return made_from.start, made_from.end, [f"compared with {part}, which the result says it was made from (--start, --end to choose)"]
+    note = f"compared with {part}, which the result says it was made from (--start, --end to choose)"
+    return made_from.start, made_from.end, [note]
 
 
 def clip_of(asset: Asset, clip: str | int) -> Clip:

@@ -60,34 +60,22 @@ class Order:
 
 def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     """Retarget every motion onto the target and write the results. Raises `RetargetError` for what cannot be done."""
-    if order.engine is not None:
-        preset(order.engine)  # an unknown one is told before any work
     files = [file for file in _motion_files(order.motions) if not _is_target_in_folder(file, order)]
     one_file_each = order.output.is_dir() or not order.output.suffix
-    names = _result_files(files, order) if one_file_each else []
-    if not one_file_each:
-        check_output(order.output)
-        _expect_room(order, len(files))
-    if order.page is not None:
-        check_page(order.page, order.output if one_file_each else None)
-        _expect_one(order.page, len(files), "motions")
-    _expect_other_files(names if one_file_each else [order.output], [*files, order.target])
-    if order.clip is not None and order.all_clips:
-        raise RetargetError(f"--clip {order.clip} and --all-clips contradict each other; give one of them")
+    outputs = _result_files(files, order) if one_file_each else [order.output] * len(files)
+    _expect_possible(order, files, outputs, one_file_each)
     source_hints, target_hints = _hints(order)
     settings = dict(order.settings)
     if order.contacts is not None:
         from retarget.contact.contact_file import read_contacts
 
         settings["contacts"] = read_contacts(order.contacts)
-    if order.smpl_model is not None and not any(file.suffix.lower() == ".npz" for file in files):
-        raise RetargetError(f"--smpl-model {order.smpl_model} is for motions in .npz, and none is given")
     target = cast(order.target, target_hints)
     if not one_file_each:
         check_output(order.output, target.original, order.animation_only)
     done, waiting, performance, page = [], [], None, None
     with progress_line(progress, len(files)) as tell:
-        for number, file in enumerate(files):
+        for file, output in zip(files, outputs):
             tell(f"reading {file.name}")
             asset = load(file, smpl_model=order.smpl_model if file.suffix.lower() == ".npz" else None)
             for note in asset.notes:
@@ -104,22 +92,43 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
                 production = prepare(cast(asset, source_hints, motion), target, order.method, **settings)
                 started = time.perf_counter()
                 result = production(motion, part.made_from)
-                performance = Performance(file, names[number] if one_file_each else order.output, production, part, result)
+                performance = Performance(file, output, production, part, result)
                 done.append(_report_clip(file, motion, result, production, time.perf_counter() - started))
                 waiting.append(result)
             if one_file_each:
-                tell(f"writing {names[number].name}")
+                tell(f"writing {output.name}")
                 order.output.mkdir(parents=True, exist_ok=True)
-                page = _write(names[number], waiting, order, done, performance, tell)
+                page = _write(output, waiting, order, done, performance, tell)
                 waiting = []
             tell("", 1)
         if not one_file_each:
             tell(f"writing {order.output.name}")
             page = _write(order.output, waiting, order, done, performance, tell)
-    lines = [line for each in done for line in [*_lines_of(each), *(correction_lines(each["stats"]) if order.report else ())]]
+    lines = []
+    for each in done:
+        lines += [*_lines_of(each), *(correction_lines(each["stats"]) if order.report else ())]
     if page is None:
         return {"clips": done, "lines": lines}
     return {"clips": done, "page": page.as_dict(), "lines": [*lines, *page.lines]}
+
+
+def _expect_possible(order: Order, files: list[Path], outputs: list[Path], one_file_each: bool) -> None:
+    """Refuse, before any work, what would come to nothing or cost the user a file."""
+    if not files:
+        raise FileError(order.motions[0], "holds no motion besides the character")
+    if order.engine is not None:
+        preset(order.engine)
+    if order.clip is not None and order.all_clips:
+        raise RetargetError(f"--clip {order.clip} and --all-clips contradict each other; give one of them")
+    if order.smpl_model is not None and not any(file.suffix.lower() == ".npz" for file in files):
+        raise RetargetError(f"--smpl-model {order.smpl_model} is for motions in .npz, and none is given")
+    if not one_file_each:
+        check_output(order.output)
+        _expect_room(order, len(files))
+    if order.page is not None:
+        check_page(order.page, order.output if one_file_each else None)
+        _expect_one(order.page, len(files), "motions")
+    _expect_other_files(outputs, [*files, order.target])
 
 
 def _expect_other_files(outputs: list[Path], inputs: list[Path]) -> None:

@@ -116,7 +116,12 @@ class Page:
 
 @contextmanager
 def page_on(
-    performers: Cast, title: str, output: Path, tell: Tell = untold, decided: Sequence[str] = (), warned: Sequence[str] = ()
+    performers: Cast,
+    title: str,
+    output: Path,
+    tell: Tell = untold,
+    decided: Sequence[str] = (),
+    warned: Sequence[str] = (),
 ) -> Iterator[Page]:
     """Measure and make the page on a result and the one source it has at most; it takes its place when the block ends well.
 

@@ -157,7 +157,8 @@ def prepare(source: Actor, target: Actor, method: str | Method = "auto", **setti
         prepared = plain.prepare(source, target)  # raises where the bodies do not match at all
         note = f"contacts are not looked after, rotations are copied: {error}"
         log.warning("%s", note)
-        return Production(source, target, prepared, (note,), "method: copy-rotations, since the character's surface cannot serve")
+        said = "method: copy-rotations, since the character's surface cannot serve"
+        return Production(source, target, prepared, (note,), said)
 
 
 def _method_name(method: Method) -> str:

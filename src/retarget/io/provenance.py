@@ -29,7 +29,8 @@ def recorded_provenance(beside: Any) -> Provenance | None:
     record = beside.get(KEY) if isinstance(beside, dict) else None
     if not isinstance(record, dict):
         return None
-    names, numbers = [record.get(key) for key in ("source", "clip")], [record.get(key) for key in ("start", "end", "fps")]
+    names = [record.get(key) for key in ("source", "clip")]
+    numbers = [record.get(key) for key in ("start", "end", "fps")]
     if not all(isinstance(name, str) and len(name) <= LONGEST for name in names):
         return None
     if not all(type(number) in (int, float) and abs(number) < 1e9 for number in numbers):
