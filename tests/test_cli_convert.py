@@ -135,9 +135,9 @@ def test_surfaces_and_clouds(made, tmp_path, command):
 @pytest.mark.parametrize(
     "words, said",
     [
-        (["two.glb", "o.bvh"], "holds 2 clips ('one', 'two'), a BVH file one; choose one with --clip NAME, or write a file each: '"),
+        (["two.glb", "o.bvh"], "holds 2 clips ('one', 'two'), and .bvh holds one; choose one with --clip NAME, or write a file each: '"),
         (["two.glb", "o.bvh", "--clip", "on"], "nearest: 'one'"),
-        (["still.glb", "o.bvh"], "holds no animation, and a BVH file cannot be without"),
+        (["still.glb", "o.bvh"], "holds no animation, and .bvh cannot be without"),
         (["still.glb", "{clip}.glb"], "still.glb: holds no animation"),
         (["two.glb", "two.glb"], "two.glb: is the file that is read; name another"),
         (["two.glb", "link.glb"], "link.glb: is the file that is read; name another"),

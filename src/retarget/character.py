@@ -8,6 +8,7 @@ the file's own space (`io.Asset.convention` says what is known of it); `motion.a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -235,6 +236,44 @@ class Pose:
         _floats(self, "translations", (len(self.moved), 3))
 
 
+@dataclass(frozen=True)
+class Provenance:
+    """Which part of which clip of which file a motion was made from: what a result remembers of its source."""
+
+    file: str
+    """Name of the source's file, without folders."""
+    clip: str
+    start: float
+    """Seconds of the clip at which its first frame was taken."""
+    end: float
+    """The same of the last."""
+    fps: float
+    """The clip's own frames a second."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise RetargetError(f"Provenance.fps must be positive, received {self.fps}")
+        if not (np.isfinite(self.end) and 0 <= self.start <= self.end):
+            raise RetargetError(f"Provenance must name a part of a clip, received {self.start} to {self.end} s")
+
+    @classmethod
+    def whole(cls, file: str | Path, motion: Motion) -> Provenance:
+        """All of a clip of a file; `motion.filter.cut` makes it less."""
+        return cls(_plain_name(Path(file).name), _plain_name(motion.name), 0.0, motion.seconds, float(motion.fps))
+
+    def is_of(self, file: str | Path) -> bool:
+        """Whether a file has the name of the source. Where it lies does not matter."""
+        return _plain_name(Path(file).name) == self.file
+
+    def __str__(self) -> str:
+        return f"{self.file!r} [{self.clip!r}], {self.start:.6g} to {self.end:.6g} s"
+
+
+def _plain_name(name: str) -> str:
+    """Names of files may hold bytes that are no text."""
+    return name.encode(errors="replace").decode()
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Local joint rotations and root path over a skeleton, at a constant frame rate."""
@@ -249,6 +288,8 @@ class Motion:
     moved: tuple[int, ...] = (0,)
     """The joints whose local position changes, ascending; always begins with the root."""
     name: str = ""
+    made_from: Provenance | None = None
+    """What it was retargeted from, where that is known; formats that have a place for it keep it (glTF, USD)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "moved", tuple(int(joint) for joint in self.moved))

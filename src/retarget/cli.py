@@ -15,6 +15,7 @@ from retarget import cli_files
 from retarget.cli_options import (
     AnimationOnly,
     ContactsFile,
+    Engine,
     File,
     FootLock,
     Fps,
@@ -22,6 +23,7 @@ from retarget.cli_options import (
     Json,
     MapFile,
     MethodName,
+    PageBesideReport,
     SmplModel,
     Steady,
     TargetUnit,
@@ -48,6 +50,10 @@ PRESET_NAMES = "average woman man thin heavy very_heavy muscular tall short elde
 """As in `body.human.PRESETS`, which would load numpy for a help text."""
 
 
+INTERRUPTED = 130
+"""Exit code of a command that Ctrl-C ended."""
+
+
 def main() -> None:
     """Entry point: user mistakes become one line on standard error and exit code 2."""
     from retarget.errors import RetargetError
@@ -57,9 +63,10 @@ def main() -> None:
     except RetargetError as error:
         print(f"retarget: {error}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        print("retarget: interrupted", file=sys.stderr)
-        sys.exit(130)
+    except SystemExit as leaving:
+        if leaving.code == INTERRUPTED:  # typer makes it of Ctrl-C, without a word
+            print("retarget: interrupted", file=sys.stderr)
+        raise
     except BrokenPipeError:  # the reader of our output went away; not an error of the user's
         sys.stderr.close()
         sys.exit(0)
@@ -83,7 +90,7 @@ def _common(
     pass
 
 
-@app.command()
+@app.command(cls=PageBesideReport)
 def run(
     inputs: Annotated[
         list[Path], typer.Argument(help="Motions (files or folders), and last the character.", show_default=False)
@@ -104,13 +111,15 @@ def run(
     steady: Steady = True,
     animation_only: AnimationOnly = False,
     contacts_file: ContactsFile = None,
-    engine: Annotated[
-        Optional[str],
-        typer.Option("--for", help="Conventions of: unreal, unity, blender or godot.", show_default=False),
-    ] = None,
+    engine: Engine = None,
     show_report: Annotated[
-        bool, typer.Option("--report", help="Also print what was corrected, where and by how much.")
+        bool,
+        typer.Option(
+            "--report",
+            help="Also print what was corrected, where and by how much; --report FILE.html writes the page of `retarget report`.",
+        ),
     ] = False,
+    page: Annotated[Optional[Path], typer.Option("--report-page", hidden=True)] = None,
     map_file: MapFile = None,
     smpl_model: SmplModel = None,
     up: Up = None,
@@ -122,7 +131,7 @@ def run(
 ) -> None:
     """Put motions on a character: `retarget run dance.bvh knight.glb -o knight_dance.glb`."""
     _listen(verbose)
-    from retarget.commands import Order, run_order
+    from retarget.commands_run import Order, run_order
     from retarget.errors import RetargetError
 
     if len(inputs) < 2:
@@ -131,7 +140,7 @@ def run(
         motions=tuple(inputs[:-1]), target=inputs[-1], output=output, clip=clip, all_clips=all_clips, start=start, end=end,
         fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock, "steady": steady},
         animation_only=animation_only, map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
-        contacts=contacts_file, report=show_report, engine=engine, smpl_model=smpl_model,
+        contacts=contacts_file, report=show_report, page=page, engine=engine, smpl_model=smpl_model,
     )  # fmt: skip
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
 
@@ -284,13 +293,15 @@ def evaluate_(
         typer.Option(help="The result's clip (the last one of the source's name if not given).", show_default=False),
     ] = None,
     source_clip: Annotated[
-        Optional[str], typer.Option(help="The source's clip (the one of the result's name).", show_default=False)
+        Optional[str],
+        typer.Option(help="The source's clip (the one that the result names, or of its name).", show_default=False),
     ] = None,
     truth_clip: Annotated[
         Optional[str], typer.Option(help="The truth's clip (the last one of the result's name).", show_default=False)
     ] = None,
     start: Annotated[
-        Optional[float], typer.Option(help="First second of the source that was retargeted.", show_default=False)
+        Optional[float],
+        typer.Option(help="First second of the source to compare with (as the result says, or 0).", show_default=False),
     ] = None,
     end: Annotated[Optional[float], typer.Option(help="Last second of it.", show_default=False)] = None,
     fps: Annotated[

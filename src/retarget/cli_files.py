@@ -11,6 +11,7 @@ import typer
 from retarget.cli_options import (
     AnimationOnly,
     ContactsFile,
+    Engine,
     File,
     FootLock,
     Fps,
@@ -65,7 +66,12 @@ def batch(
         typer.Option(help="Processes at work (one a core if not given).", min=1, max=256, show_default=False),
     ] = None,
     timeout: Annotated[float, typer.Option(help="Seconds that one clip may take; 0 for no limit.", min=0)] = 1800.0,
-    suffix: Annotated[str, typer.Option(help="Format of the results: .glb or .bvh.")] = ".glb",
+    suffix: Annotated[
+        Optional[str],
+        typer.Option(help="Format of the results, as in `run` (.glb, or what --for wants).", show_default=False),
+    ] = None,
+    engine: Engine = None,
+    pages: Annotated[bool, typer.Option("--report", help="Also write the page of `retarget report` beside each result.")] = False,
     fps: Fps = None,
     method: MethodName = "auto",
     in_place: InPlace = False,
@@ -74,6 +80,7 @@ def batch(
     animation_only: AnimationOnly = False,
     contacts_file: ContactsFile = None,
     map_file: MapFile = None,
+    smpl_model: SmplModel = None,
     up: Up = None,
     unit: Unit = None,
     target_up: TargetUp = None,
@@ -87,9 +94,9 @@ def batch(
     from retarget.commands_batch import make_batch, report_batch
 
     order = make_batch(
-        motions, characters, output, jobs=jobs, timeout=timeout, suffix=suffix, fps=fps, method=method,
+        motions, characters, output, jobs=jobs, timeout=timeout, suffix=suffix, engine=engine, pages=pages, fps=fps, method=method,
         in_place=in_place, foot_lock=foot_lock, steady=steady, animation_only=animation_only, contacts=contacts_file,
-        map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
+        map_file=map_file, smpl_model=smpl_model, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
     )  # fmt: skip
     report = report_batch(order, progress=sys.stderr.isatty() and not as_json)
     say(report, as_json)

@@ -15,10 +15,12 @@ Clip = Annotated[
     typer.Option(help="The result's clip (the last one of the source's name if not given).", show_default=False),
 ]
 SourceClip = Annotated[
-    Optional[str], typer.Option(help="The source's clip (the one of the result's name).", show_default=False)
+    Optional[str],
+    typer.Option(help="The source's clip (the one that the result names, or of its name).", show_default=False),
 ]
 Start = Annotated[
-    Optional[float], typer.Option(help="First second of the source that was retargeted.", show_default=False)
+    Optional[float],
+    typer.Option(help="First second of the source to compare with (as the result says, or 0).", show_default=False),
 ]
 End = Annotated[Optional[float], typer.Option(help="Last second of it.", show_default=False)]
 MapFile = Annotated[

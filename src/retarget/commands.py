@@ -1,227 +1,17 @@
-"""What the subcommands do. Each returns a report: a dict for `--json`, whose `lines` are what a person reads."""
+"""What the small subcommands do. Each returns a report: a dict for `--json`, whose `lines` are what a person reads."""
 
 from __future__ import annotations
 
-import logging
-import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from retarget.character import Motion
+from retarget.character import Provenance
 from retarget.errors import FileError, MatchError, RetargetError
-from retarget.io import MOTION_SUFFIXES, THROUGH_BLENDER, WRITTEN_SUFFIXES, check_output, load
-from retarget.io.asset import Asset
-from retarget.io.presets import Preset, preset
-from retarget.methods import Result, save_results
-from retarget.motion.filter import cut, resample
-from retarget.progress import progress_line
-from retarget.retargeting import Hints, Production, cast, prepare
-
-log = logging.getLogger("retarget")
-
-
-@dataclass(frozen=True)
-class Order:
-    """What `retarget run` was asked for."""
-
-    motions: tuple[Path, ...]
-    target: Path
-    output: Path
-    clip: str | None = None
-    all_clips: bool = False
-    start: float | None = None
-    end: float | None = None
-    fps: float | None = None
-    method: str = "auto"
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    animation_only: bool = False
-    map_file: Path | None = None
-    up: str | None = None
-    unit: float | None = None
-    target_up: str | None = None
-    target_unit: float | None = None
-    contacts: Path | None = None
-    smpl_model: Path | None = None
-    report: bool = False
-    engine: str | None = None
-    """The program that the results go to: a key of `io.presets.PRESETS`."""
-
-    @property
-    def preset(self) -> Preset | None:
-        return None if self.engine is None else preset(self.engine)
-
-
-def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
-    """Retarget every motion onto the target and write the results. Raises `RetargetError` for what cannot be done."""
-    if order.engine is not None:
-        preset(order.engine)  # an unknown one is told before any work
-    files = [file for file in _motion_files(order.motions) if not _is_target_in_folder(file, order)]
-    one_file_each = order.output.is_dir() or not order.output.suffix
-    names = _result_files(files, order) if one_file_each else []
-    if not one_file_each:
-        check_output(order.output)
-    source_hints, target_hints = _hints(order)
-    settings = dict(order.settings)
-    if order.contacts is not None:
-        from retarget.contact.contact_file import read_contacts
-
-        settings["contacts"] = read_contacts(order.contacts)
-    if order.smpl_model is not None and not any(file.suffix.lower() == ".npz" for file in files):
-        raise RetargetError(f"--smpl-model {order.smpl_model} is for motions in .npz, and none is given")
-    target = cast(order.target, target_hints)
-    if not one_file_each:
-        check_output(order.output, target.original, order.animation_only)
-    done, waiting = [], []
-    with progress_line(progress, len(files)) as tell:
-        for number, file in enumerate(files):
-            tell(f"reading {file.name}")
-            asset = load(file, smpl_model=order.smpl_model if file.suffix.lower() == ".npz" else None)
-            for note in asset.notes:
-                log.info("%s: %s", file, note)
-            for clip in _wanted_clips(asset, order):
-                tell(f"retargeting {file.stem}")
-                motion = _trimmed(asset.motion(clip), order)
-                production = prepare(cast(asset, source_hints, motion), target, order.method, **settings)
-                started = time.perf_counter()
-                result = production(motion)
-                done.append(_report_clip(file, motion, result, production, time.perf_counter() - started))
-                waiting.append(result)
-            if one_file_each:
-                tell(f"writing {names[number].name}")
-                order.output.mkdir(parents=True, exist_ok=True)
-                _write(names[number], waiting, order, done)
-                waiting = []
-            tell("", 1)
-        if not one_file_each:
-            tell(f"writing {order.output.name}")
-            _write(order.output, waiting, order, done)
-    lines = [line for each in done for line in [*_lines_of(each), *(correction_lines(each["stats"]) if order.report else ())]]
-    return {"clips": done, "lines": lines}
-
-
-def _result_files(files: list[Path], order: Order) -> list[Path]:
-    """Where each result goes in the output folder. Refuses what could not be a folder, and two results of one name."""
-    existing = next(path for path in (order.output, *order.output.absolute().parents) if path.exists())
-    if not existing.is_dir():
-        raise FileError(
-            order.output, f"cannot be made a folder: {existing} is a file; name the output file.glb, or another folder"
-        )
-    names: dict[Path, Path] = {}
-    for file in files:
-        name = order.output / f"{file.stem}_{order.target.stem}{_suffix(order)}"
-        if name in names:
-            raise FileError(
-                name, f"two results would have this name, of {names[name]} and of {file}; rename one, or run them apart"
-            )
-        names[name] = file
-    return list(names)
-
-
-def _write(path: Path, waiting: list[Result], order: Order, done: list[dict]) -> None:
-    root = order.preset.root if order.preset is not None and path.suffix.lower() == ".fbx" else ""
-    save_results(path, waiting, animation_only=order.animation_only, **({"root": root} if root else {}))
-    for each in done[len(done) - len(waiting) :]:
-        each["output"] = str(path)
-
-
-def _suffix(order: Order) -> str:
-    """Of files that have no name: the preset's, else the target's own, where that needs no other program to be written."""
-    if order.preset is not None:
-        return order.preset.suffix
-    own = order.target.suffix.lower()
-    if own == ".vrm" and order.animation_only:  # joints alone are no VRM
-        return ".glb"
-    return own if own in WRITTEN_SUFFIXES and own not in THROUGH_BLENDER else ".glb"
-
-
-def _motion_files(inputs: tuple[Path, ...]) -> Iterator[Path]:
-    for path in inputs:
-        if path.is_dir():
-            found = sorted(file for file in path.iterdir() if file.suffix.lower() in MOTION_SUFFIXES)
-            if not found:
-                raise FileError(path, f"the folder holds no motion ({', '.join(MOTION_SUFFIXES)})")
-            yield from found
-        else:
-            yield path
-
-
-def _is_target_in_folder(file: Path, order: Order) -> bool:
-    """A folder of motions may hold the character as well; named by itself it is a motion like any other."""
-    return file not in order.motions and file.resolve() == order.target.resolve()
-
-
-def _hints(order: Order) -> tuple[Hints, Hints]:
-    source_joints = target_joints = None
-    if order.map_file is not None:
-        from retarget.correspond.map_file import read_map
-
-        tables = read_map(order.map_file)
-        source_joints, target_joints = tables["source"] or None, tables["target"] or None
-    return Hints(source_joints, order.up, order.unit), Hints(target_joints, order.target_up, order.target_unit)
-
-
-def _wanted_clips(asset: Asset, order: Order) -> list[int]:
-    names = [clip.name for clip in asset.clips]
-    if order.clip is not None:
-        asset_motion_names = [name for name in names if name == order.clip]
-        if not asset_motion_names:
-            asset.motion(order.clip)  # raises, naming the nearest
-        return [names.index(order.clip)]
-    if order.all_clips and names:
-        return list(range(len(names)))
-    if len(names) > 1:
-        log.warning(
-            "%s holds %d clips; taking the first, %r (--clip NAME or --all-clips to choose)",
-            asset.path,
-            len(names),
-            names[0],
-        )
-    return [0]
-
-
-def _trimmed(motion: Motion, order: Order) -> Motion:
-    if order.start is not None or order.end is not None:
-        motion = cut(motion, order.start, order.end)
-    fps = order.fps if order.fps is not None or order.preset is None else order.preset.rate(motion.fps)
-    return motion if fps is None or fps == motion.fps else resample(motion, fps)
-
-
-def _report_clip(file: Path, motion: Motion, result: Result, production: Production, seconds: float) -> dict[str, Any]:
-    matched = lambda actor: {name: actor.skeleton.names[joint] for name, joint in actor.humanoid.joints.items()}  # noqa: E731
-    for note in result.stats["notes"]:
-        log.info("%s: %s", file, note)
-    for entry in result.stats.get("contacts_file_without_effect", ()):
-        log.warning("%s [%s]: nothing in this clip for the contacts file's %s", file, motion.name, entry)
-    return {
-        "motion": str(file),
-        "clip": motion.name,
-        "frames": len(motion),
-        "fps": motion.fps,
-        "status": result.status,
-        "solve_seconds": round(seconds, 4),
-        "source_joints": matched(production.source),
-        "target_joints": matched(production.target),
-        "stats": result.stats,
-    }
-
-
-def _lines_of(clip: Mapping[str, Any]) -> list[str]:
-    seconds = (clip["frames"] - 1) / clip["fps"]
-    line = f"{clip['motion']} [{clip['clip']}] -> {clip['output']}: {clip['frames']} frames, {seconds:.2f} s at {clip['fps']:g} fps"
-    return [line if clip["status"] == "ok" else f"{line} ({clip['status']})"]
-
-
-def correction_lines(stats: Mapping[str, Any]) -> Iterator[str]:
-    """What the interaction method corrected and what it could not, for people."""
-    for row in stats.get("corrections", ()):
-        yield f"  {row['joint']} turned by up to {row['degrees']:.1f} degrees from {row['start']:.2f} to {row['end']:.2f} s"
-    for name, words in (("still_inside", "still inside"), ("not_reached", "does not reach")):
-        for row in stats.get(name, ()):
-            yield f"  {row['parts'][0]} {words} {row['parts'][1]}: {row['cm']:.1f} cm at {row['at']:.2f} s"
-    for note in stats.get("stand_in", ()):
-        yield f"  {note}"
+from retarget.io import check_output, load
+from retarget.io.asset import Asset, Clip
+from retarget.retargeting import cast, prepare
 
 
 def describe(path: Path, smpl_model: Path | None = None) -> dict[str, Any]:
@@ -230,7 +20,7 @@ def describe(path: Path, smpl_model: Path | None = None) -> dict[str, Any]:
     report: dict[str, Any] = {
         "file": str(path),
         "kind": asset.kind,
-        "clips": [{"name": clip.name, "frames": clip.frames, "fps": clip.fps} for clip in asset.clips],
+        "clips": [_describe_clip(clip) for clip in asset.clips],
         "stated": {"metres_per_unit": asset.convention.metres_per_unit, "up": asset.convention.up},
         "faults": list(asset.notes),
     }
@@ -246,6 +36,11 @@ def describe(path: Path, smpl_model: Path | None = None) -> dict[str, Any]:
         report |= _describe_skeleton(asset)
     report["lines"] = list(_describe_lines(report))
     return report
+
+
+def _describe_clip(clip: Clip) -> dict[str, Any]:
+    told = {"name": clip.name, "frames": clip.frames, "fps": clip.fps}
+    return told if clip.made_from is None else told | {"made_from": asdict(clip.made_from)}
 
 
 def _describe_skeleton(asset: Asset) -> dict[str, Any]:
@@ -292,7 +87,8 @@ def _describe_lines(report: Mapping[str, Any]) -> Iterator[str]:
     elif "why_not" in report:
         yield f"  humanoid   no: {report['why_not']}"
     for clip in report["clips"]:
-        yield f"  clip       {clip['name']!r}: {clip['frames']} frames at {clip['fps']:g} fps"
+        made_from = f", made from {Provenance(**clip['made_from'])}" if "made_from" in clip else ""
+        yield f"  clip       {clip['name']!r}: {clip['frames']} frames at {clip['fps']:g} fps{made_from}"
     for fault in report["faults"]:
         yield f"  note       {fault}"
 

@@ -6,19 +6,26 @@ import logging
 import os
 import time
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 from retarget.batch.manifest import NAME, file_hash
-from retarget.batch.run import Batch, Failure, Summary, run_batch
-from retarget.batch.work import Settings
+from retarget.batch.run import WORK, Batch, Failure, Summary, run_batch
+from retarget.batch.work import Settings, perform
+from retarget.character import Motion
+from retarget.commands_view import Page, Performance
 from retarget.errors import FileError, RetargetError
+from retarget.methods import Result
 from retarget.motion.align import AXES
 from retarget.motion.filter import FASTEST
 from retarget.progress import progress_line
-from retarget.retargeting import choose_method
+from retarget.retargeting import Production, choose_method
 
 log = logging.getLogger("retarget")
+
+WITH_SURFACE = (".vrm", ".abc")
+"""Formats of whole bodies or their surfaces: animation alone is none of theirs."""
 
 WIDEST = 60
 """Characters of a name in the table of failures."""
@@ -33,12 +40,14 @@ def make_batch(
     *,
     jobs: int | None = None,
     timeout: float = 0.0,
-    suffix: str = ".glb",
+    suffix: str | None = None,
+    pages: bool = False,
     map_file: Path | None = None,
     contacts: Path | None = None,
+    smpl_model: Path | None = None,
     **settings: Any,
 ) -> Batch:
-    """The batch that was asked for. `settings` are those of `batch.work.Settings`.
+    """The batch that was asked for. `settings` are those of `batch.work.Settings`; `suffix` None is the preset's, or .glb.
 
     Raises `RetargetError` for every setting that no job could be done with, before anything is begun.
     """
@@ -47,6 +56,8 @@ def make_batch(
         map_hash=_hash(map_file),
         contacts=None if contacts is None else str(contacts.absolute()),
         contacts_hash=_hash(contacts),
+        smpl_model=None if smpl_model is None else str(smpl_model.absolute()),
+        smpl_model_hash=_hash(smpl_model),
         **settings,
     )
     choose_method(made.method, made.for_method())
@@ -59,8 +70,26 @@ def make_batch(
             raise RetargetError(f"{option}: must be positive metres per unit, received {unit:g}")
     if made.fps is not None and not 0 < made.fps <= FASTEST:
         raise RetargetError(f"--fps: must be positive and at most {FASTEST:g}, received {made.fps:g}")
-    suffix = suffix.lower() if suffix.startswith(".") else f".{suffix.lower()}"
-    return Batch(motions, characters, folder, made, suffix, jobs or _cores(), timeout or None)
+    if smpl_model is not None:
+        from retarget.io.smpl_model import open_model
+
+        open_model(smpl_model)  # raises for one that is none
+    own = ".glb" if made.preset is None else made.preset.suffix  # raises for one that there is not
+    suffix = own if suffix is None else f".{suffix.lower().removeprefix('.')}"
+    if made.animation_only and suffix in WITH_SURFACE:
+        raise RetargetError(f"--animation-only: a {suffix} holds no animation alone; write .glb, .fbx or .bvh")
+    return Batch(motions, characters, folder, made, suffix, pages, jobs or _cores(), timeout or None)
+
+
+def perform_with_pages(task: dict[str, Any]) -> dict[str, Any]:
+    """What worker processes call where each result gets its page."""
+    return perform(task, _page)
+
+
+def _page(
+    page: Path, source: Path, output: Path, production: Production, clip: Motion, result: Result
+) -> AbstractContextManager[Page]:
+    return Performance(source, output, production, clip, result).page(page)
 
 
 def _hash(path: Path | None) -> str | None:
@@ -77,7 +106,8 @@ def _cores() -> int:
 def report_batch(batch: Batch, progress: bool = False) -> dict[str, Any]:
     """Do the batch; "failed" lists what could not be done. Raises `RetargetError` for what cannot be begun."""
     started = time.perf_counter()
-    summary = run_batch(batch, lambda steps: progress_line(progress, steps))
+    work = f"{__name__}:{perform_with_pages.__name__}" if batch.pages else WORK
+    summary = run_batch(batch, lambda steps: progress_line(progress, steps), work)
     for record in summary.done:
         for note in record["notes"]:
             log.info("%s: %s", record["output"], note)
@@ -109,7 +139,8 @@ def _incomplete(summary: Summary) -> list[dict[str, Any]]:
 def _lines(batch: Batch, summary: Summary, seconds: float) -> Iterator[str]:
     made = len(summary.done) - summary.done_before
     before = f", {summary.done_before} were there before" if summary.done_before else ""
-    yield f"{batch.folder}: {made} clips made in {seconds:.1f} s by {batch.processes} processes{before}"
+    pages = ", a page beside each" if batch.pages else ""
+    yield f"{batch.folder}: {made} clips made in {seconds:.1f} s by {batch.processes} processes{before}{pages}"
     if incomplete := _incomplete(summary):
         where = f'see "status" in {batch.folder / NAME}'
         yield f"  {len(incomplete)} of all {len(summary.done)} say what could not hold: {where}"

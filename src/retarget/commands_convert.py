@@ -11,9 +11,10 @@ from retarget.body import rotations as rot
 from retarget.character import Motion
 from retarget.commands_sequence import SEQUENCE_SUFFIXES, convert_sequence
 from retarget.errors import FileError, MatchError, RetargetError
-from retarget.io import WRITTEN_SUFFIXES, load, save
+from retarget.io import DROPPING_CLIPS, ONE_CLIP, WRITTEN_SUFFIXES, check_format, check_holds, keeps_file, load, save
 from retarget.io.asset import Asset
 from retarget.io.file_names import distinct, portable
+from retarget.io.whole_file import check_folder
 from retarget.motion.align import AXES, Similarity
 from retarget.motion.filter import resample
 from retarget.retargeting import Hints, cast
@@ -41,8 +42,8 @@ def convert_file(order: Conversion) -> dict[str, Any]:
     """Write what a file holds in the format of the output's suffix. Raises `RetargetError` for what cannot be.
 
     glTF is written in metres with +Y up: as the file states, as `order` says, or as its body shows. BVH and surfaces
-    have no unit: they keep the file's own, unless `order` tells it. A glTF or FBX character is not taken apart: its
-    file is kept as it is, as far as its clips and its space are.
+    have no unit: they keep the file's own, unless `order` tells it. A glTF, VRM or FBX character is not taken apart where
+    glTF is written, nor a USD character where USD is: its file is kept as it is, as far as its clips and its space are.
     """
     output = order.output
     if EACH in str(output.parent):
@@ -53,9 +54,11 @@ def convert_file(order: Conversion) -> dict[str, Any]:
     if output.suffix.lower() not in (*WRITTEN_SUFFIXES, *SURFACE_SUFFIXES) and not sequence:
         forms = f"{', '.join(WRITTEN_SUFFIXES)}, {' or '.join(SURFACE_SUFFIXES)} for a still surface, .npz or a new folder for a moving one"
         raise FileError(output, f"cannot write {output.suffix or 'a file without suffix'!r}; use {forms}")
-    if not output.parent.is_dir() and EACH not in output.name:
-        raise FileError(output, f"the folder {output.parent} does not exist")
+    if EACH not in output.name:
+        check_folder(output)
     _expect_other_file(order.file, output)
+    if output.suffix.lower() in WRITTEN_SUFFIXES:
+        check_format(output)
     if order.up is not None and order.up not in AXES:
         raise RetargetError(f"up axis {order.up!r} is unknown; use one of {', '.join(AXES)}")
     if order.unit is not None and not 0 < order.unit < float("inf"):
@@ -116,9 +119,10 @@ def _convert_surface(asset: Asset, order: Conversion) -> dict[str, Any]:
 
 
 def _convert_character(asset: Asset, order: Conversion) -> dict[str, Any]:
-    bvh = order.output.suffix.lower() == ".bvh"
-    chosen = _chosen_clips(asset, order, bvh)
-    space, notes = _space(asset, order, keep=bvh)
+    suffix = order.output.suffix.lower()
+    chosen = _chosen_clips(asset, order)
+    check_holds(order.output, asset.character, False)
+    space, notes = _space(asset, order, keep=suffix == ".bvh")
     character = asset.character if space is None else space.character(asset.character)
 
     def motion(number: int) -> Motion:
@@ -139,13 +143,12 @@ def _convert_character(asset: Asset, order: Conversion) -> dict[str, Any]:
         parts = [(file, [number]) for file, number in zip(files, chosen)]
     else:
         parts = [(order.output, chosen)]
-    gltf = order.output.suffix.lower() in (".glb", ".gltf")
-    untouched = gltf and character.origin is not None and order.clip is None and order.fps is None
+    untouched = keeps_file(order.output, character) and order.clip is None and order.fps is None
     written = []
     for file, numbers in parts:
         whole = untouched and EACH not in order.output.name
         motions = [] if whole else [motion(number) for number in numbers]
-        save(file, character, motions, **({"keep_clips": whole} if gltf else {}))
+        save(file, character, motions, **({"keep_clips": whole} if suffix in DROPPING_CLIPS else {}))
         clips = [asset.clips[number] for number in numbers]
         if whole:
             written.append((file, [(clip.name, clip.frames, clip.fps) for clip in clips]))
@@ -161,23 +164,24 @@ def _make_folder(folder: Path) -> None:
         raise FileError(folder, f"cannot be made a folder: {error.strerror or error}") from None
 
 
-def _chosen_clips(asset: Asset, order: Conversion, bvh: bool) -> list[int]:
+def _chosen_clips(asset: Asset, order: Conversion) -> list[int]:
     """Numbers of the clips to write. Raises `RetargetError` where the output cannot hold them."""
-    names = [clip.name for clip in asset.clips]
+    names, suffix = [clip.name for clip in asset.clips], order.output.suffix.lower()
     if order.clip is not None:
         asset.motion(order.clip)  # raises, naming the nearest
         return [names.index(order.clip)]
     chosen = list(range(len(names)))
     each = EACH in order.output.name
-    if not chosen and (bvh or each):
+    one = suffix in ONE_CLIP
+    if not chosen and (one or each):
         raise FileError(
-            asset.path, "holds no animation, and a BVH file cannot be without" if bvh else "holds no animation"
+            asset.path, f"holds no animation, and {suffix} cannot be without" if one else "holds no animation"
         )
-    if bvh and len(chosen) > 1 and not each:
+    if one and len(chosen) > 1 and not each:
         listed = ", ".join(map(repr, names[:3])) + (", ..." if len(names) > 3 else "")
-        pattern = order.output.with_name(f"{order.output.stem}_{EACH}.bvh")
+        pattern = order.output.with_name(f"{order.output.stem}_{EACH}{suffix}")
         cure = f"choose one with --clip NAME, or write a file each: '{pattern}'"
-        raise FileError(asset.path, f"holds {len(chosen)} clips ({listed}), a BVH file one; {cure}")
+        raise FileError(asset.path, f"holds {len(chosen)} clips ({listed}), and {suffix} holds one; {cure}")
     return chosen
 
 

@@ -13,8 +13,8 @@ from retarget.errors import FileError, RetargetError
 from retarget.evaluate.report import Report, evaluate
 from retarget.evaluate.take import Take
 from retarget.io import load
-from retarget.io.asset import Asset
-from retarget.io.whole_file import written_whole
+from retarget.io.asset import Asset, Clip
+from retarget.io.whole_file import check_folder, written_whole
 from retarget.motion.filter import cut
 from retarget.progress import progress_line
 from retarget.retargeting import Hints, cast
@@ -115,8 +115,7 @@ def evaluate_files(question: Question, progress: bool = False) -> dict[str, Any]
 def _check_picture(path: Path) -> None:
     if path.suffix.lower() != ".png":
         raise FileError(path, "pictures are written as .png")
-    if not path.absolute().parent.is_dir():
-        raise FileError(path, f"the folder {path.parent} does not exist")
+    check_folder(path)
 
 
 def takes_of(question: Question) -> tuple[dict[str, Take], dict[str, str], list[str]]:
@@ -125,6 +124,8 @@ def takes_of(question: Question) -> tuple[dict[str, Take], dict[str, str], list[
     if question.truth is not None:
         assets["truth"] = load(question.truth)
     numbers, notes = _choose_clips(assets, question)
+    start, end, said = _source_part(assets, numbers, question)
+    notes += said
     source_joints = target_joints = None
     if question.map_file is not None:
         from retarget.correspond.map_file import read_map
@@ -138,17 +139,47 @@ def takes_of(question: Question) -> tuple[dict[str, Take], dict[str, str], list[
         actor = cast(asset, hints, motion)
         clips[who] = motion.name
         motion = actor.house_from_file.motion(motion)
-        takes[who] = Take(actor, _part(motion, question) if who == "source" else motion)
+        takes[who] = Take(actor, _part(motion, start, end) if who == "source" else motion)
     return takes, clips, notes
 
 
-def _part(motion: Motion, question: Question) -> Motion:
-    return motion if question.start is None and question.end is None else cut(motion, question.start, question.end)
+def _part(motion: Motion, start: float | None, end: float | None) -> Motion:
+    return motion if start is None and end is None else cut(motion, start, end)
+
+
+def _source_part(
+    assets: dict[str, Asset], numbers: dict[str, str | int], question: Question
+) -> tuple[float | None, float | None, list[str]]:
+    """First and last second of the source to compare with, and what was chosen for the user: as asked, else what the result
+    says it was made from, as far as that is a part of this source."""
+    if question.start is not None or question.end is not None:
+        return question.start, question.end, []
+    made_from = clip_of(assets["result"], numbers["result"]).made_from
+    source = clip_of(assets["source"], numbers["source"])
+    if made_from is None:
+        return None, None, []
+    last, frame = (source.frames - 1) / source.fps, 1 / source.fps
+    from_start = made_from.start < frame / 2
+    if not made_from.is_of(question.source) or made_from.clip != source.name or made_from.end > last + frame / 2:
+        if from_start:
+            return None, None, []
+        note = f"the result says it was made from {made_from}; it is compared from the start (--start, --end to choose)"
+        return None, None, [note]
+    if from_start and made_from.end > last - frame / 2:
+        return None, None, []
+    part = f"{made_from.start:.6g} to {made_from.end:.6g} s of the source"
+    note = f"compared with {part}, which the result says it was made from (--start, --end to choose)"
+    return made_from.start, made_from.end, [note]
+
+
+def clip_of(asset: Asset, clip: str | int) -> Clip:
+    """What is known of a clip by its name or number."""
+    return asset.clips[clip] if isinstance(clip, int) else next(each for each in asset.clips if each.name == clip)
 
 
 def _choose_clips(assets: dict[str, Asset], question: Question) -> tuple[dict[str, str | int], list[str]]:
-    """The clips as named, else those that belong together by name, else the result's last (that which it
-    plays, if its format tells) and the source's first."""
+    """The clips as named, else those that belong together: as the result says of itself, or by name; else the result's last
+    (that which it plays, if its format tells) and the source's first."""
     names = {who: [clip.name for clip in asset.clips] for who, asset in assets.items()}
     chosen: dict[str, str | int] = {}
     wanted = {"result": question.clip, "source": question.source_clip, "truth": question.truth_clip}
@@ -156,13 +187,24 @@ def _choose_clips(assets: dict[str, Asset], question: Question) -> tuple[dict[st
         if wanted[who] is not None or not names[who]:
             asset.motion(wanted[who])  # raises for a name that is not there, and for files without clips
             chosen[who] = wanted[who]
+    made = [
+        number
+        for number, clip in enumerate(assets["result"].clips)
+        if clip.made_from is not None
+        and clip.made_from.is_of(question.source)
+        and clip.made_from.clip in ((question.source_clip,) if question.source_clip else names["source"])
+    ]
+    if "result" not in chosen and made:
+        chosen["result"] = assets["result"].plays if assets["result"].plays in made else made[-1]
     if "result" not in chosen:
         asked = question.source_clip or (names["source"][0] if len(names["source"]) == 1 else None)
         plays = assets["result"].plays
         chosen["result"] = plays if plays is not None and asked is None else _last_named(names["result"], asked)
     played = names["result"][chosen["result"]] if isinstance(chosen["result"], int) else chosen["result"]
     if "source" not in chosen:
-        alike = [each for each in (played, _bare(played)) if each in names["source"]]
+        made_from = clip_of(assets["result"], chosen["result"]).made_from
+        told = [made_from.clip] if made_from is not None and made_from.is_of(question.source) else []
+        alike = [each for each in (*told, played, _bare(played)) if each in names["source"]]
         chosen["source"] = names["source"].index(alike[0]) if alike else 0
     if "truth" in assets and "truth" not in chosen:
         chosen["truth"] = _last_named(names["truth"], played)

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from retarget.commands import correction_lines
+from retarget.character import Provenance
+from retarget.commands_run import correction_lines
 from retarget.errors import FileError, RetargetError
 from retarget.io import check_output, load
 from retarget.methods import Interaction, save_results
@@ -56,7 +57,8 @@ def repair_file(order: Repair, progress: bool = False) -> dict[str, Any]:
             motion = asset.motion(number)
             if len(motion) == 0:
                 raise RetargetError(f"{order.file}: the clip {names[number]!r} has no frames")
-            result = production(replace(motion, name=f"{motion.name} repaired" if motion.name else "repaired"))
+            named = replace(motion, name=f"{motion.name} repaired" if motion.name else "repaired")
+            result = production(named, Provenance.whole(order.file, motion))
             results.append(result)
             reports.append({"clip": names[number], "status": result.status, "stats": result.stats})
             tell("", 1)

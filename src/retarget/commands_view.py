@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from retarget.character import Motion
 from retarget.commands_evaluate import ROWS, Question, takes_of
 from retarget.errors import FileError, RetargetError
 from retarget.evaluate.corrected import copied_take, turned_joints
 from retarget.evaluate.report import Report, evaluate
 from retarget.evaluate.take import Take, on_one_clock
 from retarget.io import load
+from retarget.io.whole_file import check_folder
+from retarget.methods import Result
 from retarget.motion.filter import cut
-from retarget.progress import Tell, progress_line
-from retarget.retargeting import Hints, cast
-from retarget.view.report_page import Sheet, save_report_page
+from retarget.progress import Tell, progress_line, untold
+from retarget.retargeting import Hints, Production, cast
+from retarget.view.report_page import Sheet, page_about_to_stand
 from retarget.view.stage import StageBody, stage_body
 
 PAGE_SUFFIXES = (".html", ".htm")
@@ -70,29 +75,98 @@ def write_report(showing: Showing, output: Path, progress: bool = False) -> dict
     with progress_line(progress) as tell:
         tell("reading", 0)
         performers = performers_of(showing)
-        result, *sources = performers.takes.values()
-        source = sources[0] if sources else None
-        report = evaluate(source or result, result, tell=tell)
-        before, turned, copy_note = _before(source, result, tell)
-        report_of = {label: report.tracks.get(who) for label, who in zip(performers.takes, ("result", "source"))}
-        tell("preparing the scene", 0)
-        bodies = [stage_body(label, take, report_of[label]) for label, take in performers.takes.items()]
-        tell("writing", 0)
-        notes = [*performers.notes, *copy_note, *report.notes, *(note for body in bodies for note in body.notes)]
-        sheet = _sheet(showing, report, before, turned, bodies, notes)
-        size = save_report_page(output, sheet, bodies, report if source else _alone(report), before)
-    line = (
-        f"{output}: {size / 1e6:.1f} MB, {len(result)} frames, {len(bodies)} {'body' if len(bodies) == 1 else 'bodies'}"
-    )
-    return {"output": str(output), "bytes": size, "notes": notes, "lines": [line, *(f"note: {note}" for note in notes)]}
+        title = " from ".join([showing.result.name, *(path.name for path in showing.sources)])
+        with page_on(performers, title, output, tell) as page:
+            pass
+    return page.as_dict() | {"lines": page.lines}
 
 
-def check_page(path: Path) -> None:
-    """Raise `FileError` unless a page can be written there."""
+def check_page(path: Path, folder: Path | None = None) -> None:
+    """Raise `FileError` unless a page can be written there. `folder` is one that will be made before."""
     if path.suffix.lower() not in PAGE_SUFFIXES:
         raise FileError(path, "reports are written as .html")
-    if not path.absolute().parent.is_dir():
-        raise FileError(path, f"the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise FileError(path, "is a folder")
+    if folder is None or folder.is_dir() or path.absolute().parent != folder.absolute():
+        check_folder(path)
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page that was made."""
+
+    output: Path
+    bytes: int
+    frames: int
+    bodies: int
+    seconds: float
+    """What making it took."""
+    notes: tuple[str, ...]
+
+    @property
+    def lines(self) -> list[str]:
+        bodies = "1 body" if self.bodies == 1 else f"{self.bodies} bodies"
+        told = f"{self.bytes / 1e6:.1f} MB, {self.frames} frames, {bodies}, made in {self.seconds:.1f} s"
+        return [f"{self.output}: {told}", *(f"note: {note}" for note in self.notes)]
+
+    def as_dict(self) -> dict[str, Any]:
+        told = {"output": str(self.output), "bytes": self.bytes, "seconds": round(self.seconds, 2)}
+        return told | {"notes": list(self.notes)}
+
+
+@contextmanager
+def page_on(
+    performers: Cast,
+    title: str,
+    output: Path,
+    tell: Tell = untold,
+    decided: Sequence[str] = (),
+    warned: Sequence[str] = (),
+) -> Iterator[Page]:
+    """Measure and make the page on a result and the one source it has at most; it takes its place when the block ends well.
+
+    `decided` and `warned` are sentences on how the result was made, where that is known. Raises `RetargetError`.
+    """
+    started = time.perf_counter()
+    result, *sources = performers.takes.values()
+    source = sources[0] if sources else None
+    report = evaluate(source or result, result, tell=tell)
+    before, turned, copy_note = _before(source, result, tell)
+    report_of = {label: report.tracks.get(who) for label, who in zip(performers.takes, ("result", "source"))}
+    tell("preparing the scene", 0)
+    bodies = [stage_body(label, take, report_of[label]) for label, take in performers.takes.items()]
+    tell("writing", 0)
+    notes = [*performers.notes, *copy_note, *report.notes, *(note for body in bodies for note in body.notes)]
+    sheet = _sheet(title, report, before, turned, bodies, decided, [*warned, *notes])
+    shown = report if source else _alone(report)
+    with page_about_to_stand(output, sheet, bodies, shown, before) as size:
+        yield Page(output, size, len(result), len(bodies), time.perf_counter() - started, tuple(notes))
+
+
+@dataclass(frozen=True, eq=False)
+class Performance:
+    """A clip that was retargeted in this process: what a page needs of it, without reading anything."""
+
+    source: Path
+    output: Path
+    production: Production
+    part: Motion
+    """What was taken of the source's clip, at its own rate, in its file's space."""
+    result: Result
+
+    def page(self, output: Path, tell: Tell = untold) -> AbstractContextManager[Page]:
+        """The page on it; as `page_on`."""
+        source = self.production.source
+        takes = {
+            "result: " + _named(self.output, self.result.motion.name): Take(self.result.target, self.result.motion),
+            "source: " + _named(self.source, self.part.name): Take(source, source.house_from_file.motion(self.part)),
+        }
+        together, notes = on_one_clock(takes)
+        performers = Cast(dict(zip(takes, together)), notes)
+        made_from = self.result.motion.made_from
+        decided = [self.production.method, *([] if made_from is None else [f"made from {made_from}"])]
+        warned = [*self.production.notes, *([] if self.result.status == "ok" else [self.result.status])]
+        return page_on(performers, f"{self.output.name} from {self.source.name}", output, tell, decided, warned)
 
 
 def performers_of(showing: Showing) -> Cast:
@@ -161,11 +235,12 @@ def _alone(report: Report) -> Report:
 
 
 def _sheet(
-    showing: Showing,
+    title: str,
     report: Report,
     before: Report | None,
     turned: list[str],
     bodies: list[StageBody],
+    decided: Sequence[str],
     notes: list[str],
 ) -> Sheet:
     alone = len(bodies) == 1
@@ -184,13 +259,13 @@ def _sheet(
     if "deepest" in report.facts:
         subtitle += f" Deepest in itself: {report.facts['deepest']}."
     return Sheet(
-        " from ".join([showing.result.name, *(path.name for path in showing.sources)]),
+        title,
         subtitle,
         tuple(head for head, _ in columns),
         tuple(_rows(columns, told)),
         report.problems,
         tuple([*_gained(report, before), *turned]),
-        tuple(_inferred(bodies)),
+        (*decided, *_inferred(bodies)),
         tuple(notes),
     )
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from retarget.body.skinning import rest_vertices
-from retarget.character import Character, Motion
+from retarget.character import Character, Motion, Provenance
 from retarget.correspond.joints import REQUIRED_JOINTS, Humanoid, humanoid_from_names, match_humanoid
 from retarget.errors import FileError, MatchError, RetargetError, unknown_name
 from retarget.io import load
@@ -119,10 +119,16 @@ class Production:
     """Works in metres with +Y up on both sides; call this to skip the source file's unit and axes."""
     notes: tuple[str, ...] = ()
     """What was decided for the pair."""
+    method: str = ""
+    """Which method works, and why that one: a sentence."""
 
-    def __call__(self, motion: Motion) -> Result:
-        """Retarget one clip of the source, given in the source file's own unit and axes."""
+    def __call__(self, motion: Motion, made_from: Provenance | None = None) -> Result:
+        """Retarget one clip of the source, given in the source file's own unit and axes.
+
+        `made_from` says where that clip was taken from; the result's file then says it too.
+        """
         result = self.retargeter(self.source.house_from_file.motion(motion))
+        result = replace(result, motion=replace(result.motion, made_from=made_from))
         notes = [f"source: {note}" for note in self.source.notes] + [f"target: {note}" for note in self.target.notes]
         return replace(result, stats=result.stats | {"notes": [*self.notes, *notes]})
 
@@ -137,18 +143,26 @@ def prepare(source: Actor, target: Actor, method: str | Method = "auto", **setti
     """
     if method != "auto":
         chosen = method if isinstance(method, Method) else choose_method(method, settings)
-        return Production(source, target, chosen.prepare(source, target))
+        said = f"method: {_method_name(chosen)}, as asked"
+        return Production(source, target, chosen.prepare(source, target), method=said)
     plain = choose_method("copy-rotations", {name: settings[name] for name in settings if name != "contacts"})
     if target.character.skin is None:
-        return Production(source, target, plain.prepare(source, target))
+        said = "method: copy-rotations, since the character has no surface that could touch itself"
+        return Production(source, target, plain.prepare(source, target), method=said)
     touching = choose_method("auto", settings)
     try:
-        return Production(source, target, touching.prepare(source, target))
+        said = "method: interaction, since the character has a surface that can touch itself"
+        return Production(source, target, touching.prepare(source, target), method=said)
     except RetargetError as error:
         prepared = plain.prepare(source, target)  # raises where the bodies do not match at all
         note = f"contacts are not looked after, rotations are copied: {error}"
         log.warning("%s", note)
-        return Production(source, target, prepared, (note,))
+        said = "method: copy-rotations, since the character's surface cannot serve"
+        return Production(source, target, prepared, (note,), said)
+
+
+def _method_name(method: Method) -> str:
+    return next((name for name, each in METHODS.items() if type(method) is each), type(method).__name__)
 
 
 def retarget(
@@ -171,10 +185,12 @@ def retarget(
     """
     if isinstance(motion, Motion):
         moving, performer = motion, source if source is not None else Character(motion.skeleton, name="the motion")
+        made_from = None
     else:
         asset = open_asset(motion)
         moving, performer = asset.motion(clip), source if source is not None else asset
+        made_from = Provenance.whole(asset.path, moving)
     if len(moving) == 0:
         raise RetargetError("the motion has no frames")
     performing = cast(performer, source_hints, moving)
-    return prepare(performing, cast(target, target_hints), method, **settings)(moving)
+    return prepare(performing, cast(target, target_hints), method, **settings)(moving, made_from)

@@ -66,9 +66,10 @@ def test_a_full_disk_is_said_so(tmp_path):
 def test_an_output_stands_only_as_it_was_written(tmp_path):
     output = tmp_path / "out.glb"
     output.write_bytes(b"abc")
-    record = {"output": "out.glb", "bytes": 3, "sha256": file_hash(output)}
+    record = {"output": "out.glb", "bytes": 3, "sha256": file_hash(output), "beside": [], "page": None}
     assert stands(tmp_path, record)
     assert not stands(tmp_path, record | {"bytes": 4}) and not stands(tmp_path, record | {"output": "other.glb"})
+    assert not stands(tmp_path, record, page=True), "it has none"
     assert not stands(tmp_path, {}) and not stands(tmp_path, record | {"output": 7})
     output.write_bytes(b"abd")
     assert not stands(tmp_path, record)

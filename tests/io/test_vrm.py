@@ -12,7 +12,7 @@ from made_motions import body, walk
 from typer.testing import CliRunner
 from vrm_maker import old_name, split, vrm
 
-from retarget import cli, commands
+from retarget import cli, commands_run
 from retarget.body.kinematics import world_pose
 from retarget.correspond.joints import HUMANOID_JOINTS, REQUIRED_JOINTS
 from retarget.errors import FileError, RetargetError
@@ -142,12 +142,12 @@ def test_a_vrm_needs_a_vrm(files, tmp_path):
 
 def test_the_command_line_refuses_a_vrm_before_it_works(files, tmp_path, monkeypatch):
     save(tmp_path / "plain.glb", body(), [])
-    monkeypatch.setattr(commands, "prepare", None)  # nothing comes that far
-    order = commands.Order((files / "walk.bvh",), tmp_path / "plain.glb", tmp_path / "a.vrm")
+    monkeypatch.setattr(commands_run, "prepare", None)  # nothing comes that far
+    order = commands_run.Order((files / "walk.bvh",), tmp_path / "plain.glb", tmp_path / "a.vrm")
     with pytest.raises(FileError, match="came from no VRM"):
-        commands.run_order(order)
+        commands_run.run_order(order)
     with pytest.raises(FileError, match="animation alone is no VRM"):
-        commands.run_order(replace(order, target=files / "new.vrm", animation_only=True))
+        commands_run.run_order(replace(order, target=files / "new.vrm", animation_only=True))
 
 
 def test_animation_alone_goes_into_a_folder_as_glb(files, tmp_path):

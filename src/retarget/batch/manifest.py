@@ -4,7 +4,8 @@
     {"looked": "motions" or "characters", "file": "a/walk.bvh", "stamps": [[name, bytes, mtime_ns], …], "sha256": "…",
      "digest": "…", "clips": [[name, frames, fps], …]}              a file can serve
     {"done": [motion, clip number, character], "inputs": [sha256, sha256], "digest": "…", "output": "…", "bytes": 1,
-     "sha256": "…", "clip": "…", "frames": 1, "fps": 30.0, "status": "ok", "notes": […], "seconds": 0.1}
+     "sha256": "…", "beside": [[name, bytes, sha256], …], "page": [name, bytes, sha256] or null, "clip": "…", "frames": 1,
+     "fps": 30.0, "status": "ok", "notes": […], "seconds": 0.1}     beside: the files that the output refers to
     {"failed": [motion, clip number, character] or [role, file], "error": "…", "trace": "…"}
 
 Later lines count more. A line is added when what it says is true on the disk, in one write; a process that is killed can
@@ -91,10 +92,14 @@ def file_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def stands(folder: Path, record: Record) -> bool:
-    """Whether the output of a 'done' line is there, with the size and the hash it had."""
+def stands(folder: Path, record: Record, page: bool = False) -> bool:
+    """Whether the output of a 'done' line and the files it refers to are there, with the sizes and hashes they had; and its
+    page, if that is wanted."""
     try:
         path = folder / record["output"]
-        return path.stat().st_size == record["bytes"] and file_hash(path) == record["sha256"]
+        files = [(path, record["bytes"], record["sha256"])]
+        others = [*record["beside"], *([record["page"]] if page else [])]
+        files += [(path.parent / name, size, known) for name, size, known in others]
+        return all(path.stat().st_size == size and file_hash(path) == known for path, size, known in files)
     except (OSError, KeyError, TypeError, ValueError):
         return False

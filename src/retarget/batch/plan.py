@@ -81,17 +81,20 @@ def _refuse(error: OSError) -> None:
 
 
 def stamps(file: Input) -> list[list]:
-    """Name, bytes and time of change of a file and, of a .gltf, of the files it refers to: alike means unchanged."""
+    """Name below its folder, bytes and time of change of a file and, of a .gltf, of the files it refers to: alike means
+    unchanged."""
     from retarget.io.gltf_document import resource_file
 
-    paths = [file.path]
+    folder = file.path.parent.resolve()
+    paths = {file.path.name: file.path}
     if file.path.suffix.lower() == ".gltf":
         for uri in _uris(file.path):
             try:
-                paths.append(resource_file(file.path, uri, ""))
+                found = resource_file(file.path, uri, "")
             except FileError:  # reading it will say so
                 continue
-    return [[path.name, path.stat().st_size, path.stat().st_mtime_ns] for path in paths]
+            paths[found.relative_to(folder).as_posix()] = found
+    return [[name, path.stat().st_size, path.stat().st_mtime_ns] for name, path in paths.items()]
 
 
 def content_hash(file: Input) -> str:

@@ -16,12 +16,11 @@ from retarget.batch.manifest import Manifest, Record, stands
 from retarget.batch.plan import Clips, Input, Job, find_inputs, plan_jobs, refuse_overwriting, stamps
 from retarget.batch.work import Settings
 from retarget.errors import FileError, RetargetError
+from retarget.io import check_format
 from retarget.io.file_names import natural_order
 from retarget.progress import Tell, untold
 
 WORK = "retarget.batch.work:perform"
-SUFFIXES = (".glb", ".bvh")
-"""What results can be written as: formats of one file."""
 RESERVED = ("manifest.jsonl", ".batch.lock")
 
 _TEMPORARY = re.compile(r"\..+\.[0-9]+\.tmp")
@@ -37,6 +36,8 @@ class Batch:
     folder: Path
     settings: Settings = field(default_factory=Settings)
     suffix: str = ".glb"
+    pages: bool = False
+    """Whether each result gets a page beside it; `run_batch` is then told of a `work` that can make them."""
     processes: int = 1
     seconds: float | None = None
     """What one clip may take; None for as long as it wants."""
@@ -74,9 +75,10 @@ def run_batch(batch: Batch, show: Callable[[int], Any] | None = None, work: str 
     `work` is what the worker processes call. Raises `RetargetError` for what cannot be begun: settings, folders,
     another run in the folder.
     """
-    if batch.suffix not in SUFFIXES:
-        raise RetargetError(f"a batch writes {' or '.join(SUFFIXES)}, a file each; received {batch.suffix!r}")
+    check_format(batch.folder / f"*{batch.suffix}")
     motions = find_inputs(batch.motions, without=batch.folder)
+    if batch.settings.smpl_model is not None and not any(file.path.suffix.lower() == ".npz" for file in motions):
+        raise RetargetError(f"--smpl-model {batch.settings.smpl_model} is for motions in .npz, and none is given")
     characters = find_inputs(batch.characters, without=batch.folder)
     for given in (batch.motions, batch.characters):
         if given.resolve() == batch.folder.resolve():
@@ -214,12 +216,14 @@ class _Run:
     def _is_done(self, job: Job) -> bool:
         record = self.done.get(job.key, {})
         wanted = {"inputs": self._inputs(job), "digest": self.digest, "output": job.output, "clip": job.clip_name}
-        return all(record.get(name) == value for name, value in wanted.items()) and stands(self.batch.folder, record)
+        same = all(record.get(name) == value for name, value in wanted.items())
+        return same and stands(self.batch.folder, record, self.batch.pages)
 
     def _inputs(self, job: Job) -> list[str]:
         return [self.hashes["motions", job.motion.name], self.hashes["characters", job.character.name]]
 
     def _task(self, job: Job) -> Task:
+        output = self.batch.folder.absolute() / job.output
         return {
             "do": "clip",
             "job": list(job.key),
@@ -227,7 +231,8 @@ class _Run:
             "clip": job.clip,
             "character": str(job.character.path),
             "inputs": self._inputs(job),
-            "output": str(self.batch.folder.absolute() / job.output),
+            "output": str(output),
+            "page": str(output.with_suffix(".html")) if self.batch.pages else None,
             "settings": asdict(self.batch.settings),
         }
 

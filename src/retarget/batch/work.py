@@ -9,18 +9,27 @@ from __future__ import annotations
 import hashlib
 import json
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from retarget.batch.manifest import file_hash
-from retarget.batch.plan import Input, content_hash
+from retarget.batch.plan import Input, content_hash, stamps
+from retarget.character import Motion, Provenance
 from retarget.errors import RetargetError
-from retarget.io import load
+from retarget.io import DROPPING_CLIPS, check_holds, load
 from retarget.io.asset import Asset
+from retarget.io.presets import Preset, preset
+from retarget.methods import Result
 from retarget.motion.align import Actor
 from retarget.motion.filter import resample
 from retarget.retargeting import Hints, Production, cast, prepare
+
+PageMaker = Callable[[Path, Path, Path, Production, Motion, Result], AbstractContextManager]
+"""Makes the page on a result while it is written: page, motion file, output, the pair, the clip as it was read, the result.
+It is handed in, since pages belong to a floor above this one."""
 
 PAIRS_KEPT = 4
 """Prepared pairs of one character; motions of one folder mostly share one skeleton."""
@@ -41,16 +50,21 @@ class Settings:
     """Of its content when the run began."""
     contacts: str | None = None
     contacts_hash: str | None = None
+    smpl_model: str | None = None
+    """The body of motions in .npz."""
+    smpl_model_hash: str | None = None
+    engine: str | None = None
+    """The program that the results go to: a key of `io.presets.PRESETS`."""
     up: str | None = None
     unit: float | None = None
     target_up: str | None = None
     target_unit: float | None = None
 
     def digest(self) -> str:
-        """Of everything that results depend on besides the two files; where map and contacts lie is not part of it."""
+        """Of everything that results depend on besides the two files; where map, contacts and model lie is not part of it."""
         from retarget import __version__
 
-        said = asdict(replace(self, map_file=None, contacts=None)) | {"version": __version__}
+        said = asdict(replace(self, map_file=None, contacts=None, smpl_model=None)) | {"version": __version__}
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
 
     def for_method(self) -> dict[str, Any]:
@@ -62,6 +76,21 @@ class Settings:
             _expect_unchanged(self.contacts, self.contacts_hash)
             own["contacts"] = read_contacts(Path(self.contacts))
         return own
+
+    @property
+    def preset(self) -> Preset | None:
+        return None if self.engine is None else preset(self.engine)
+
+    def load(self, path: Path) -> Asset:
+        """A motion, or a character. Raises `RetargetError` for a model that has changed."""
+        if self.smpl_model is None or path.suffix.lower() != ".npz":
+            return load(path)
+        _expect_unchanged(self.smpl_model, self.smpl_model_hash)
+        return load(path, smpl_model=self.smpl_model)
+
+    def rate(self, fps: float) -> float:
+        """Frames a second of the result of a clip."""
+        return self.fps or (fps if self.preset is None else self.preset.rate(fps))
 
     def hints(self) -> tuple[Hints, Hints]:
         """Of motions and of characters. Raises `RetargetError` for a map file that cannot be read or has changed."""
@@ -88,10 +117,12 @@ class Bench:
         self.character: tuple[Any, Actor | None] = (None, None)
         self.pairs: dict[str, Production] = {}
 
-    def asset(self, path: str, known: str) -> Asset:
+    def asset(self, path: str, known: str, settings: Settings) -> Asset:
         """The motion file of that content. Raises `RetargetError` if it has another by now."""
-        if self.motion[0] != (path, known):
-            self.motion = ((path, known), _load(path, known))
+        key = (path, known, settings.smpl_model_hash)
+        if self.motion[0] != key:
+            _expect_content(path, known)
+            self.motion = (key, settings.load(Path(path)))
         return self.motion[1]
 
     def target(self, path: str, known: str, settings: Settings) -> Actor:
@@ -99,7 +130,8 @@ class Bench:
         key = (path, known, settings)
         if self.character[0] != key:
             self.pairs.clear()
-            self.character = (key, cast(_load(path, known), settings.hints()[1]))
+            _expect_content(path, known)
+            self.character = (key, cast(load(path), settings.hints()[1]))
         return self.character[1]
 
     def pair(self, source: Actor, target: Actor, settings: Settings) -> Production:
@@ -112,10 +144,9 @@ class Bench:
         return replace(self.pairs[key], source=source)
 
 
-def _load(path: str, known: str) -> Asset:
+def _expect_content(path: str, known: str) -> None:
     if content_hash(Input(Path(path), path)) != known:
         raise RetargetError(f"{path}: was changed while the batch ran; start it again")
-    return load(path)
 
 
 def _digest(actor: Actor) -> str:
@@ -132,50 +163,70 @@ def _digest(actor: Actor) -> str:
 _BENCH = Bench()
 
 
-def perform(task: dict[str, Any]) -> dict[str, Any]:
-    """Do one task of a batch in this process; by the word under "do"."""
+def perform(task: dict[str, Any], page: PageMaker | None = None) -> dict[str, Any]:
+    """Do one task of a batch in this process; by the word under "do". `page` makes what the task's "page" names."""
     settings = Settings(**task["settings"])
     if task["do"] == "look":
         return look(Path(task["path"]), task["role"], settings)
-    return retarget_clip(task, settings, _BENCH)
+    return retarget_clip(task, settings, _BENCH, page)
 
 
 def look(path: Path, role: str, settings: Settings) -> dict[str, Any]:
     """What a file is good for: hash and clips. Raises `RetargetError` if it cannot be read, or as one of the
     "characters" has no human in it."""
     known = content_hash(Input(path, path.name))
-    asset = load(path)
+    asset = settings.load(path) if role == "motions" else load(path)
     if role == "characters":
         cast(asset, settings.hints()[1])
     return {"sha256": known, "clips": [[clip.name, clip.frames, clip.fps] for clip in asset.clips]}
 
 
-def retarget_clip(task: dict[str, Any], settings: Settings, bench: Bench) -> dict[str, Any]:
-    """Put a clip on a character and write the result, whole or not at all.
+def retarget_clip(
+    task: dict[str, Any], settings: Settings, bench: Bench, page: PageMaker | None = None
+) -> dict[str, Any]:
+    """Put a clip on a character and write the result, and the page on it where the task wants one: whole or not at all.
 
-    The task names "motion", "clip" (number), "character", "inputs" (hash of each) and "output". The answer describes
-    the output. Raises `RetargetError` (and its kin) where it cannot be done.
+    The task names "motion", "clip" (number), "character", "inputs" (hash of each), "output" and "page" (or None). The answer
+    describes the output and what lies beside it. Raises `RetargetError` (and its kin) where it cannot be done.
     """
     started = time.perf_counter()
-    asset = bench.asset(task["motion"], task["inputs"][0])
-    motion = asset.motion(task["clip"])
-    if settings.fps is not None and len(motion):
-        motion = resample(motion, settings.fps)
-    if not len(motion):
-        raise RetargetError(f"{asset.path}: the clip {motion.name!r} has no frames")
+    asset = bench.asset(task["motion"], task["inputs"][0], settings)
+    clip = asset.motion(task["clip"])
+    if not len(clip):
+        raise RetargetError(f"{asset.path}: the clip {clip.name!r} has no frames")
+    motion = resample(clip, settings.rate(clip.fps))
     target = bench.target(task["character"], task["inputs"][1], settings)
-    source = cast(asset, settings.hints()[0], motion)
-    result = bench.pair(source, target, settings)(motion)
     output = Path(task["output"])
+    check_holds(output, target.original, settings.animation_only)
+    source = cast(asset, settings.hints()[0], motion)
+    production = bench.pair(source, target, settings)
+    result = production(motion, Provenance.whole(asset.path, clip))
     output.parent.mkdir(parents=True, exist_ok=True)
-    own = {"keep_clips": False} if output.suffix.lower() == ".glb" else {}
-    result.save(output, animation_only=settings.animation_only, **own)
+    with nullcontext() if page is None else page(Path(task["page"]), asset.path, output, production, clip, result):
+        result.save(output, animation_only=settings.animation_only, **_options(output, settings))
+    beside = [name for name, _, _ in stamps(Input(output, output.name))[1:]]
     return {
         "bytes": output.stat().st_size,
         "sha256": file_hash(output),
+        "beside": [_known(output.parent, name) for name in beside],
+        "page": None if page is None else _known(output.parent, Path(task["page"]).name),
         "frames": len(motion),
         "fps": motion.fps,
         "status": result.status,
         "notes": list(result.stats["notes"]),
         "seconds": round(time.perf_counter() - started, 3),
     }
+
+
+def _known(folder: Path, name: str) -> list:
+    path = folder / name
+    return [name, path.stat().st_size, file_hash(path)]
+
+
+def _options(output: Path, settings: Settings) -> dict[str, Any]:
+    """The writer's own: a result holds its one clip, and what moves it in the program that it goes to."""
+    suffix = output.suffix.lower()
+    options: dict[str, Any] = {"keep_clips": False} if suffix in DROPPING_CLIPS else {}
+    if suffix == ".fbx" and settings.preset is not None:
+        options["root"] = settings.preset.root
+    return options

@@ -10,6 +10,7 @@ from typing import Any
 from retarget.character import Character, MeshMotion, Motion
 from retarget.errors import FileError, RetargetError
 from retarget.io.asset import Asset
+from retarget.io.whole_file import check_folder
 
 # Module that reads each suffix; imported only when a file of that kind is met.
 READERS = {
@@ -45,6 +46,10 @@ WRITERS = {
 WRITTEN_SUFFIXES = tuple(WRITERS)
 THROUGH_BLENDER = (".fbx", ".abc")
 """Those that Blender writes, where there is one."""
+ONE_CLIP = (".bvh", ".abc")
+"""Those that hold one clip."""
+DROPPING_CLIPS = (".glb", ".gltf", ".vrm", ".usd", ".usda", ".usdc", ".usdz")
+"""Those whose writers keep the file that a character came from, unless `keep_clips=False` leaves out the clips it had."""
 
 
 def load(path: str | Path, *, smpl_model: str | Path | None = None) -> Asset:
@@ -120,21 +125,42 @@ def save_sequence(path: str | Path, motion: MeshMotion) -> None:
         raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, not as {path.suffix!r}")
 
 
-def check_output(path: str | Path, character: Character | None = None, animation_only: bool = False) -> None:
-    """Refuse an output that could not be written, or could not hold the character, before any work is done. Raises
-    `FileError`."""
-    path = Path(path)
+def check_format(path: Path) -> None:
+    """Refuse a suffix that this installation cannot write, whatever is to be written. Raises `FileError`."""
     if path.suffix.lower() not in WRITTEN_SUFFIXES:
         raise FileError(
             path, f"cannot write {path.suffix or 'a file without suffix'!r}; use {', '.join(WRITTEN_SUFFIXES)}"
         )
     if WRITERS[path.suffix.lower()] == "retarget.io.usd":
         importlib.import_module("retarget.io.usd").require_usd(path)
-    if path.is_dir():
-        raise FileError(path, "is a folder")
-    if not path.parent.is_dir():
-        raise FileError(path, f"the folder {path.parent} does not exist")
     if path.suffix.lower() in THROUGH_BLENDER:
         importlib.import_module("retarget.io.blender").blender(path)
-    if character is not None and path.suffix.lower() == ".vrm":
+
+
+def check_output(path: str | Path, character: Character | None = None, animation_only: bool = False) -> None:
+    """Refuse an output that could not be written, or could not hold the character, before any work is done. Raises
+    `FileError`."""
+    path = Path(path)
+    check_format(path)
+    if path.is_dir():
+        raise FileError(path, "is a folder")
+    check_folder(path)
+    if character is not None:
+        check_holds(path, character, animation_only)
+
+
+def keeps_file(path: Path, character: Character) -> bool:
+    """Whether the format of `path` is written as the file that the character came from, with all clips that it had."""
+    writer = WRITERS.get(path.suffix.lower())
+    if character.origin is None or writer not in ("retarget.io.gltf", "retarget.io.usd"):
+        return False
+    module = importlib.import_module(writer)
+    return isinstance(character.origin, module.GltfOrigin if writer == "retarget.io.gltf" else module.UsdOrigin)
+
+
+def check_holds(path: Path, character: Character, animation_only: bool) -> None:
+    """Refuse a format that cannot hold the character. Raises `FileError`."""
+    if path.suffix.lower() == ".vrm":
         importlib.import_module("retarget.io.gltf_write").check_holds(path, character, animation_only)
+    if path.suffix.lower() == ".abc" and (animation_only or character.skin is None):
+        raise FileError(path, "an Alembic file holds moving surfaces, and there is none to write; use .glb, .fbx or .bvh")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from retarget.character import Character, Mesh, MeshMotion, Motion, PointCloud
+from retarget.character import Character, Mesh, MeshMotion, Motion, PointCloud, Provenance
 from retarget.errors import FileError, unknown_name
 
 
@@ -27,6 +27,8 @@ class Clip:
     name: str
     frames: int
     fps: float
+    made_from: Provenance | None = None
+    """What it was retargeted from, where the file says so; its `Motion` says the same."""
 
 
 @dataclass(frozen=True, eq=False)

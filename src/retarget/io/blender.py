@@ -48,7 +48,7 @@ def save(
         raise FileError(path, f"an Alembic file holds one clip, received {len(motions)}; write one file a clip")
     rates = {motion.fps for motion in motions}
     if len(rates) > 1:
-        raise FileError(path, f"clips of one file have one frame rate here, received {', '.join(f'{r:g}' for r in sorted(rates))}")
+        raise FileError(path, f"clips of one file have one frame rate here, received {', '.join(f'{r:g}' for r in sorted(rates))}; bring them to one (--fps), or choose one clip (--clip)")
     command = blender(path)
     with tempfile.TemporaryDirectory(prefix="retarget-") as folder:
         source, output, job = Path(folder) / "from.glb", Path(folder) / f"to.{kind}", Path(folder) / "job.json"

@@ -15,6 +15,7 @@ from retarget.character import Motion, Skeleton
 from retarget.io.asset import Clip
 from retarget.io.gltf_document import Document
 from retarget.io.gltf_nodes import Rig
+from retarget.io.provenance import recorded_provenance
 
 Array = np.ndarray
 
@@ -99,7 +100,7 @@ def list_clips(document: Document, rig: Rig) -> tuple[tuple[Clip, ...], list[int
         if inputs not in grids:
             grids[inputs] = clip_timeline(document, inputs)
         grid = grids[inputs]
-        clips.append(Clip(name, grid.frames, grid.fps))
+        clips.append(Clip(name, grid.frames, grid.fps, recorded_provenance(animation.get("extras"))))
         numbers.append(number)
     return tuple(clips), numbers, notes
 
@@ -192,7 +193,8 @@ def read_motion(document: Document, rig: Rig, skeleton: Skeleton, number: int) -
     differs = np.abs(positions - skeleton.offsets).max(axis=(0, 2)) > 5e-6 * size
     differs[0] = True
     moved = np.flatnonzero(differs)
-    return Motion(skeleton, rotations, positions[:, moved], grid.fps, tuple(moved.tolist()), name)
+    made_from = recorded_provenance(animation.get("extras"))
+    return Motion(skeleton, rotations, positions[:, moved], grid.fps, tuple(moved.tolist()), name, made_from)
 
 
 def sample(

@@ -15,6 +15,7 @@ from retarget.io.gltf_build import add_influences, add_matrices, bare_document, 
 from retarget.io.gltf_draft import Draft, write_files
 from retarget.io.gltf_nodes import GltfOrigin, Rig, node_transform
 from retarget.io.gltf_prune import prune
+from retarget.io.provenance import KEY, provenance_record
 from retarget.io.vrm import is_vrm
 
 Array = np.ndarray
@@ -186,9 +187,10 @@ def append_motion(draft: Draft, rig: Rig, motion: Motion, held: set[tuple[int, s
     outputs = draft.add_accessors([each[:2] if quiet else each for each, quiet in zip(values, still)])
     samplers = [{"input": ends if quiet else every, "output": output} for quiet, output in zip(still, outputs)]
     channels = [{"sampler": number, "target": target} for number, target in enumerate(targets)]
-    draft.add(
-        "animations", {"name": _free_name(draft, motion.name or "motion"), "samplers": samplers, "channels": channels}
-    )
+    entry = {"name": _free_name(draft, motion.name or "motion"), "samplers": samplers, "channels": channels}
+    if motion.made_from is not None:
+        entry["extras"] = {KEY: provenance_record(motion.made_from)}
+    draft.add("animations", entry)
 
 
 def _free_name(draft: Draft, name: str) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from retarget.io.child_process import Refused
 from retarget.io.fbx_child import FLOAT, MOST_KEYS, STILL, Glb
+from retarget.io.provenance import KEY
 from retarget.io.usd_transforms import placement, split
 
 FRAME_RATES = (10.0, 240.0)
@@ -28,6 +29,8 @@ class Take:
     name: str
     rate: float
     codes: np.ndarray
+    made_from: dict[str, Any] | None = None
+    """What it says it was made from; see `provenance.py`."""
     channels: list[tuple[int, str, str, np.ndarray]] = field(default_factory=list)
     """Node, path, kind of accessor, and the values of all codes."""
 
@@ -43,9 +46,11 @@ def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[st
     keys, plays = 0, None
     for prim in _animations(prims, bound, bones):
         own = prim.GetPath() == bound
+        record = prim.GetCustomDataByKey(KEY)
         samples = [_samples(prim, name) for name, _, _ in PARTS] + ([carried] if own else [])
         name = _free(prim.GetDisplayName() or prim.GetName(), names)
         take = _take(stage, name, np.unique(np.concatenate(samples)), own)
+        take.made_from = _plain(record) if isinstance(record, dict) else None
         keys += _checked_keys(take, bones, keys)
         _add_joints(take, prim, bones, glb, notes)
         plays = take.name if own else plays
@@ -172,7 +177,17 @@ def _write(glb: Glb, take: Take) -> None:
     for node, path, kind, values in take.channels:
         channels.append({"sampler": len(samplers), "target": {"node": node, "path": path}})
         samplers.append({"input": clock, "output": glb.add(values.astype(np.float32), kind, FLOAT)})
-    glb.append("animations", {"name": take.name, "samplers": samplers, "channels": channels})
+    extras = {} if take.made_from is None else {"extras": {KEY: take.made_from}}
+    glb.append("animations", {"name": take.name, "samplers": samplers, "channels": channels} | extras)
+
+
+def _plain(record: dict[str, Any]) -> dict[str, Any]:
+    """The values that JSON has a word for; custom data may hold any."""
+    return {
+        name: value
+        for name, value in record.items()
+        if isinstance(value, str) or (type(value) in (int, float) and np.isfinite(value))
+    }
 
 
 def _free(name: str, taken: set[str]) -> str:

@@ -26,6 +26,7 @@ from retarget.io.gltf_build import bound_surface, smooth_normals
 from retarget.io.gltf_nodes import node_transform
 from retarget.io.gltf_weights import merge_influences
 from retarget.io.gltf_write import check_skeleton
+from retarget.io.provenance import provenance_record
 from retarget.io.usd import UsdOrigin, require_usd
 from retarget.io.usd_transforms import split
 from retarget.io.whole_file import written_whole
@@ -77,6 +78,7 @@ def save(
         clips = [_own_values(motion) for motion in motions]
     order["clips"] = [
         {"name": motion.name or "motion", "prim": _identifier(motion.name or "motion"), "fps": motion.fps}
+        | ({} if motion.made_from is None else {"made_from": provenance_record(motion.made_from)})
         for motion in motions
     ]
     for number, (translations, rotations, scales) in enumerate(clips):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from retarget.io.child_process import Refused, answer
+from retarget.io.provenance import KEY
 from retarget.io.usd_assets import Assets, write_package
 from retarget.io.usd_layers import check_layers, in_plain_words
 from retarget.io.usd_stage import make_stage
@@ -82,12 +83,14 @@ def add_clips(stage: Any, skeleton: Any, order: dict[str, Any], arrays: dict[str
         return
     moving = ("rotations", "translations")
     sampled = any(prim.GetAttribute(name).GetNumTimeSamples() for prim in earlier for name in moving)
-    if not (sampled or stage.HasAuthoredTimeCodeRange()):
-        stage.SetTimeCodesPerSecond(clips[0]["fps"])
-        stage.SetFramesPerSecond(clips[0]["fps"])
+    alone = not (sampled or stage.HasAuthoredTimeCodeRange())
     if not order.get("keep_clips", True):
         for prim in earlier:
             stage.RemovePrim(prim.GetPath())
+        alone = not any(each.GetNumTimeSamples() for prim in stage.Traverse() for each in prim.GetAttributes())
+    if alone:  # nothing else in the stage counts on its clock
+        stage.SetTimeCodesPerSecond(clips[0]["fps"])
+        stage.SetFramesPerSecond(clips[0]["fps"])
     if order.get("settle"):
         _settle(skeleton)
     rate = stage.GetTimeCodesPerSecond()
@@ -99,6 +102,8 @@ def add_clips(stage: Any, skeleton: Any, order: dict[str, Any], arrays: dict[str
         animation = UsdSkel.Animation.Define(stage, path.AppendChild(free))
         if clip["name"] != free:
             animation.GetPrim().SetDisplayName(clip["name"])
+        if "made_from" in clip:
+            animation.GetPrim().SetCustomDataByKey(KEY, clip["made_from"])
         values = (arrays[f"{name}_{number}"] for name in ("translations", "rotations", "scales"))
         _fill(animation, order["tokens"], *values, rate / clip["fps"])
         paths.append(animation.GetPath())

@@ -11,6 +11,14 @@ from typing import BinaryIO
 from retarget.errors import FileError
 
 
+def check_folder(path: Path) -> None:
+    """Raise `FileError` unless the folder of a file to write is there and may be written in: told before any work."""
+    if not path.absolute().parent.is_dir():
+        raise FileError(path, f"the folder {path.parent} does not exist")
+    if not os.access(path.absolute().parent, os.W_OK):
+        raise FileError(path, f"the folder {path.parent} may not be written in")
+
+
 @contextmanager
 def written_whole(path: str | Path) -> Iterator[BinaryIO]:
     """A file to write bytes into; it takes the place of `path` when the block ends, and is removed when it fails.

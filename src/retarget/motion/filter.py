@@ -83,7 +83,11 @@ def cut(motion: Motion, start: float | None, end: float | None) -> Motion:
     last = len(motion) if end is None else int(round(end * motion.fps)) + 1
     if not 0 <= first < min(last, len(motion)):
         raise RetargetError(
-            f"nothing lies between {start if start is not None else 0} s and {end if end is not None else motion.seconds:g} s; "
+            f"nothing lies between {start if start is not None else 0:g} s and {end if end is not None else motion.seconds:g} s; "
             f"the clip runs from 0 to {motion.seconds:g} s"
         )
-    return replace(motion, rotations=motion.rotations[first:last], translations=motion.translations[first:last])
+    kept, made_from = motion.rotations[first:last], motion.made_from
+    if made_from is not None:
+        begins = made_from.start + first / motion.fps
+        made_from = replace(made_from, start=begins, end=begins + (len(kept) - 1) / motion.fps)
+    return replace(motion, rotations=kept, translations=motion.translations[first:last], made_from=made_from)

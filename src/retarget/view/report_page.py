@@ -7,6 +7,7 @@ style (`page.css`) stand inside. Equal input gives equal bytes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -60,10 +61,21 @@ def save_report_page(
     path: Path, sheet: Sheet, bodies: Sequence[StageBody], report: Report, before: Report | None = None
 ) -> int:
     """Write the page; returns its size in bytes. Bodies are of one clock, the result first."""
+    with page_about_to_stand(path, sheet, bodies, report, before) as size:
+        return size
+
+
+@contextmanager
+def page_about_to_stand(
+    path: Path, sheet: Sheet, bodies: Sequence[StageBody], report: Report, before: Report | None = None
+) -> Iterator[int]:
+    """Yields the size in bytes with the page on the disk, but not in its place before the block ends, and not at all where
+    the block fails: for a page that shall stand only beside what the block writes."""
     text = report_page(sheet, bodies, report, before).encode()
     with written_whole(path) as file:
         file.write(text)
-    return len(text)
+        file.flush()
+        yield len(text)
 
 
 def report_page(sheet: Sheet, bodies: Sequence[StageBody], report: Report, before: Report | None = None) -> str:
