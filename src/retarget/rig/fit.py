@@ -18,7 +18,7 @@ from retarget.body import rotations as rot
 from retarget.geometry.geodesic import farthest_points
 from retarget.geometry.resample import Surface
 from retarget.geometry.topology import vertex_normals
-from retarget.rig.fit_model import BodyState, FitModel, PosedBody, moved_state, pose_body
+from retarget.rig.fit_model import BodyState, FitModel, PosedBody, inertia, moved_state, pose_body
 
 Array = np.ndarray
 
@@ -28,6 +28,8 @@ LIKE_NORMALS = 0.08 * HEIGHT
 """How far apart opposite normals put two places when the nearest is sought, half of it in metres."""
 WORST = 0.1
 """Metres beyond which a distance counts as this in the misfit."""
+LIMB = 2e-3
+"""Inertia of a limb (m²): joints that move less, like fingers, are held less, or nothing would turn them."""
 LARGEST_TURN = 0.6
 """Radians in one step."""
 
@@ -61,7 +63,7 @@ class Pull:
     across: float
     """Weight of moves across the normal; along it is 1."""
     pose: float
-    """Weight of a squared radian between a joint and its parent."""
+    """Weight of a squared radian between a joint and its parent; less where it moves less than a limb."""
     shape: float
     """Weight of a squared standard deviation."""
 
@@ -233,8 +235,9 @@ def _step(
     relative = np.matmul(state.turns[parents[1:]].transpose(0, 2, 1), state.turns[1:])
     bent = rot.to_rotation_vector(rot.from_matrix(relative))
     diagonal = np.zeros(len(gradient))
-    diagonal[3 : 3 * count] = pull.pose
-    gradient[3 : 3 * count] -= pull.pose * np.einsum("jab,jb->ja", state.turns[parents[1:]], bent).ravel()
+    usual = pull.pose * np.repeat(np.minimum(1.0, np.sqrt(inertia(model)[1:] / LIMB)), 3)
+    diagonal[3 : 3 * count] = usual
+    gradient[3 : 3 * count] -= usual * np.einsum("jab,jb->ja", state.turns[parents[1:]], bent).ravel()
     stiff = pull.shape / model.spread**2
     diagonal[3 * count + 3 :] = stiff
     gradient[3 * count + 3 :] -= stiff * (state.shape - model.usual)

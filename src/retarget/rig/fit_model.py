@@ -86,6 +86,13 @@ def hangs_on(parents: Int[Array, "joints"]) -> Float[Array, "joints joints"]:
     return below
 
 
+def inertia(model: FitModel) -> Float[Array, "joints"]:
+    """How much a turn of each joint moves the model's points at rest: their mean squared distance from it, by weight, over all
+    that hangs on it (m²)."""
+    arms = ((model.points[:, None] - model.joints) ** 2).sum(axis=2)
+    return ((model.weights @ hangs_on(model.parents).T) * arms).mean(axis=0)
+
+
 def part_transforms(model: FitModel, state: BodyState) -> tuple[Float[Array, "joints 3"], Float[Array, "joints 3"]]:
     """Places of the joints, and what each part's rigid move adds after its turn."""
     rest = model.joints_of(state.shape)

@@ -38,6 +38,7 @@ LEAST_CONFIDENCE = 0.25
 """Below this no rig is delivered: landmarks are asked for."""
 FINE = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 8
 FINGERS = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 5
+GUIDED = Pull(0.05, 1.0, 1e-5, 1e-6)
 REFIT = Pull(0.05, 1.0, 1e-6, 1e-7)
 LAID_ON = 30_000
 """Vertices of the mesh that the template is laid onto; larger ones are decimated for that."""
@@ -79,24 +80,27 @@ def rig(
     mesh: Mesh,
     template: Template | None = None,
     landmarks: Mapping[str, int | Float[Array, "3"]] | None = None,
+    surface_map: Places | None = None,
     unit: float | None = None,
     tell: Tell = untold,
 ) -> Rigged:
     """Give a mesh the template's skeleton, weights and rest pose.
 
-    `landmarks` name vertices or places of the mesh by the template's landmarks (`Template.landmarks`). `unit` is metres in a unit
-    of the mesh; without it the unit that makes a plausible height is taken. Raises `RetargetError` for a mesh that cannot
+    `landmarks` name vertices or places of the mesh by the template's landmarks (`Template.landmarks`). `surface_map` is
+    the place of each vertex on the template's mesh, where it is known. `unit` is metres in a unit of the mesh; without it
+    the unit that makes a plausible height is taken. Raises `RetargetError` for a mesh that cannot
     be worked on, that holds no body of the template's kind, or of which more must be known.
     """
     template = template or human_template()
     surface = finite_surface(mesh.vertices, mesh.faces)
-    found = _found(template, surface, Given.of(template, surface, landmarks or {}), tell)
-    if found.confidence < LEAST_CONFIDENCE and not landmarks:
+    known = None if surface_map is None else _known_places(template, surface, surface_map)
+    found = _found(template, surface, Given.of(template, surface, landmarks or {}), tell, known)
+    if found.confidence < LEAST_CONFIDENCE and not landmarks and known is None:
         raise RetargetError(_doubtful(mesh, found))
     best, target = found.candidates[0], found.target
     tell("laying the template on", 1)
     moved = Surface((surface.vertices - target.origin) * target.unit, surface.faces)
-    fitted = _fitted(template, best, target, moved)
+    fitted = _fitted(template, best, target, moved, None if known is None else (known - target.origin) * target.unit)
     tell("weights", 1)
     model = template.model
     places = places_on_template(moved, fitted.registered, template.faces, model.points)
@@ -127,12 +131,28 @@ class _Found:
     doubt: str
 
 
-def _found(template: Template, surface: Surface, given: Given, tell: Tell) -> _Found:
+def _known_places(template: Template, surface: Surface, surface_map: Places) -> Float[Array, "template 3"]:
+    """For each vertex of the template, the vertex of the mesh that is mapped nearest to it. Raises `RetargetError` for a map
+    of another mesh or another template."""
+    from scipy.spatial import cKDTree
+
+    rest = template.model.points
+    if len(surface_map.corners) != len(surface) or surface_map.corners.max(initial=0) >= len(rest):
+        raise RetargetError(
+            f"the surface map is of {len(surface_map.corners)} vertices onto vertex {surface_map.corners.max(initial=0)}; the mesh "
+            f"has {len(surface)}, the template {len(rest)}"
+        )
+    return surface.vertices[cKDTree(surface_map.of(rest)).query(rest)[1]]
+
+
+def _found(
+    template: Template, surface: Surface, given: Given, tell: Tell, known: Float[Array, "template 3"] | None
+) -> _Found:
     """The working surface whose best reading is the surest."""
     best: _Found | None = None
     tell("preparing the surface", 1)
     for working in working_surfaces(surface):
-        target, found = candidates(template, intrinsic_body(working.surface), given, tell)
+        target, found = candidates(template, intrinsic_body(working.surface), given, tell, known)
         this = _Found(working, target, found, *confidence_of(found))
         if best is None or this.confidence > best.confidence:
             best = this
@@ -141,13 +161,17 @@ def _found(template: Template, surface: Surface, given: Given, tell: Tell) -> _F
     return best
 
 
-def _fitted(template: Template, found: Candidate, target: Target, mesh: Surface) -> _Fitted:
+def _fitted(
+    template: Template, found: Candidate, target: Target, mesh: Surface, known: Float[Array, "template 3"] | None
+) -> _Fitted:
     """The best candidate, finely: without, then with fingers; laid onto the mesh; and turned as the skin then says."""
     body = template.body.at(template.samples[:SAMPLES]).around(found.usual)
     state = fit_to_surface(body, found.state, target, FINE)
     model = template.model.around(found.usual)
-    fine = model.at(template.samples)
-    state = fit_to_surface(fine, _with_fingers(state, model), target, FINGERS)
+    fine, state = model.at(template.samples), _with_fingers(state, model)
+    if known is not None:
+        state = fit_to_places(fine, state, known[template.samples], 6, GUIDED)
+    state = fit_to_surface(fine, state, target, FINGERS)
     laid_on = mesh if len(mesh) <= LAID_ON else decimate(cleaned(mesh), LAID_ON)
     registered = register(pose_body(model, state).points, template.faces, laid_on)
     state = fit_to_places(fine, state, registered.vertices[template.samples], 2, REFIT)

@@ -113,10 +113,23 @@ class Candidate:
         return self.misfit.total + WORTH_OF_LANDMARKS * self.landmarks
 
 
-def candidates(template: Template, body: IntrinsicBody, given: Given, tell: Tell) -> tuple[Target, list[Candidate]]:
-    """Ways of laying the template into a surface, the best first, all but the first few tried in small only."""
+def candidates(
+    template: Template,
+    body: IntrinsicBody,
+    given: Given,
+    tell: Tell,
+    known: Float[Array, "template 3"] | None = None,
+) -> tuple[Target, list[Candidate]]:
+    """Ways of laying the template into a surface, the best first, all but the first few tried in small only.
+
+    `known` are the places of the template's vertices on the mesh, in its units, where a map is at hand: then nothing else is
+    tried.
+    """
     target = prepare_target(body.surface, float(np.sqrt(AREA)) / surface_size(body.surface))
     trial = _Trial(template, target, given)
+    if known is not None:
+        places = (known - target.origin) * target.unit
+        return target, trial.settle([trial.by_known(start, places) for start in template.starts], tell)
     tried = []
     for how, start, labelled in _by_tips(template, body, given):
         tell("looking for the body by its ends", 1)
@@ -171,7 +184,14 @@ class _Trial:
         from scipy.spatial import cKDTree
 
         _, near = cKDTree(features).query(wanted[start.samples[:COARSE]])
-        places, coarse = self.target.vertices[near], self.coarse.around(start.shape)
+        return self._guided(how, start, self.target.vertices[near])
+
+    def by_known(self, start: Start, places: Float[Array, "template 3"]) -> Candidate:
+        """From a map that is at hand."""
+        return self._guided(f"{start.name}, given map", start, places[self.template.samples[:COARSE]])
+
+    def _guided(self, how: str, start: Start, places: Float[Array, "coarse 3"]) -> Candidate:
+        coarse = self.coarse.around(start.shape)
         state = fit_to_places(coarse, state_from_places(coarse, places, start.shape), places, 6, GUIDED)
         return self._candidate(how, start, fit_to_surface(coarse, state, self.target, TRIED, COARSE_SPREAD), coarse)
 
