@@ -11,7 +11,7 @@ from retarget.body.kinematics import rest_pose, world_pose
 from retarget.body.skinning import prepare_skinning, rest_vertices
 from retarget.errors import FileError
 from retarget.io import fbx, load, save
-from retarget.io.fbx_child import fans, heaviest
+from retarget.io.fbx_surface import cut_at_seams, heaviest
 
 
 @pytest.fixture
@@ -107,15 +107,13 @@ def test_cut_off_files_are_refused_or_read_but_never_crash(written, tmp_path):
             pass
 
 
-def test_a_reader_that_crashes_or_hangs_is_one_line(written, monkeypatch, tmp_path):
+def test_a_reader_that_crashes_or_hangs_is_one_line(written, monkeypatch, own_child):
     path = written()
-    child = tmp_path / "child.py"
-    monkeypatch.setattr(fbx, "CHILD", child)
-    child.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
-    with pytest.raises(FileError, match="the reader stopped without a word"):
+    own_child("fbx_child", "import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
+    with pytest.raises(FileError, match=r"cannot be read as FBX \(the process stopped without a word \(SIGSEGV\)\)"):
         load(path)
     monkeypatch.setattr(fbx, "SECONDS", 0.5)
-    child.write_text("import time\ntime.sleep(60)\n")
+    own_child("fbx_child", "import time\ntime.sleep(60)\n")
     with pytest.raises(FileError, match="takes longer than 0.5 s"):
         load(path)
 
@@ -129,12 +127,6 @@ def test_too_large_files_are_refused_before_anything_is_read(written, monkeypatc
 def test_this_process_never_loads_ufbx(written):
     code = f"import sys; from retarget import load; load({str(written())!r}); assert 'ufbx' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_fans_keep_the_order_of_polygons():
-    corners = np.array([5, 6, 7, 0, 1, 2, 3, 9, 8])
-    faces, materials = fans(np.array([[0, 3], [3, 4], [7, 2]]), corners, np.array([4, 2, 0]))
-    assert faces.tolist() == [[5, 6, 7], [0, 1, 2], [0, 2, 3]] and materials.tolist() == [4, 2, 2]
 
 
 def test_the_heaviest_influences_come_first_and_sum_to_one():

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from retarget.io.child_process import Refused
-from retarget.io.fbx_child import FLOAT, MOST_KEYS, STILL, Glb
+from retarget.io.child import Refused
+from retarget.io.glb import FLOAT, MOST_KEYS, STILL, Glb
 from retarget.io.usd_transforms import placement, split
 
 FRAME_RATES = (10.0, 240.0)

@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from retarget.io.child_process import Refused, answer
+from retarget.io.child import Refused
 from retarget.io.usd_assets import Assets, write_package
 from retarget.io.usd_layers import check_layers, in_plain_words
 from retarget.io.usd_stage import make_stage
 from retarget.io.usd_transforms import placement
 
 
-def main(folder: str, output: str, reply: str) -> None:
-    answer(reply, lambda: in_plain_words(lambda: write(folder, output)))
+def work(folder: str, output: str) -> dict[str, Any]:
+    """Write `output` as the files in `folder` order."""
+    return in_plain_words(lambda: write(folder, output))
 
 
 def write(folder: str, output: str) -> dict[str, Any]:
