@@ -11,7 +11,7 @@ from retarget.body.kinematics import rest_pose, world_pose
 from retarget.body.skinning import prepare_skinning, rest_vertices
 from retarget.errors import FileError
 from retarget.io import fbx, load, save
-from retarget.io.fbx_surface import cut_at_seams, heaviest
+from retarget.io.fbx_surface import heaviest
 
 
 @pytest.fixture
