@@ -70,6 +70,7 @@ def test_it_starts_isolated_in_an_empty_folder_without_what_could_steer_it(own_c
     monkeypatch.setenv("PXR_AR_DEFAULT_SEARCH_PATH", "/somewhere")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setenv("KEPT", "yes")
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
     own_child("own", """
 import os, sys
 def work():
@@ -100,11 +101,10 @@ def test_what_libraries_do_at_exit_does_not_matter(own_child):
 def test_children_load_their_module_and_not_the_packages_around_it():
     """The nouns and their types take as long to load as numpy; no reader's child needs them."""
     for module in ("fbx_child", "draco_child", "usd_child", "usd_write_child"):
-        command = [sys.executable, "-I", "-c", child.START + "", str(child.PACKAGES), "{}", module]
-        listing = child.START.rsplit("\n", 2)[0] + f"\nimportlib.import_module('retarget.io.{module}')\nprint([*sys.modules])"
-        command[3] = listing
-        found = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-        loaded = set(json.loads(found.replace("'", '"')))
+        start = child.START.replace(".answer(*sys.argv[2:])", "")
+        code = f"{start}\nimport json\nimportlib.import_module('retarget.io.{module}')\nprint(json.dumps([*sys.modules]))"
+        command = [sys.executable, "-I", "-c", code, str(child.PACKAGES)]
+        loaded = set(json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout))
         assert f"retarget.io.{module}" in loaded
         assert not loaded & {"retarget.character", "jaxtyping", "scipy", "subprocess", "tempfile"}, module
 

@@ -56,6 +56,7 @@ def test_a_character_keeps_its_shapes_and_their_weights_in_a_written_file(tmp_pa
             moves = told.floats(target["POSITION"], ("VEC3",))
             assert len(moves) == 16 and np.flatnonzero(moves.any(axis=1)).tolist() == [8, 9]
             assert moves[8:10].tolist() == [[0, 0, number + 1.0]] * 2
+            assert told.json["accessors"][target["POSITION"]]["sparse"]["count"] == 2, "vertices that rest take no room"
     assert any("its morph targets are animated" in note for note in asset.notes)
 
 

@@ -1,6 +1,5 @@
 """USD files that cannot be read, and those that reach for what is not theirs: one line each."""
 
-import os
 
 import numpy as np
 import pytest
