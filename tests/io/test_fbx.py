@@ -136,3 +136,10 @@ def test_the_heaviest_influences_come_first_and_sum_to_one():
     assert joints.shape == (3, 8) and joints[0, :2].tolist() == [1, 3] and weights[0, :2].tolist() == [0.75, 0.25]
     assert weights[1].sum() == 0 and joints[2].tolist() == [9, 8, 7, 6, 5, 4, 3, 2]
     assert weights[2] == pytest.approx(np.arange(10, 2, -1) / np.arange(3, 11).sum())
+
+
+def test_without_ufbx_the_cure_is_told(written, own_child):
+    path = written()
+    own_child("fbx_child", "raise ImportError(\"No module named 'ufbx'\")")
+    with pytest.raises(FileError, match="needs the package ufbx to be read: pip install ufbx"):
+        load(path)

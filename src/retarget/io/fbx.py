@@ -26,9 +26,9 @@ LARGEST = 1 << 30
 
 
 def load(path: str | Path) -> Asset:
-    """Read an .fbx file, ASCII or binary: meshes with base colours, skeleton, skin, and every animation stack by its name,
-    sampled at the file's frame rate. Units and axes are the file's own, brought to metres with +Y up; textures, morph
-    targets and cameras are left out. Raises `FileError` for what cannot be read, is too large, or takes too long."""
+    """Read an .fbx file, ASCII or binary: meshes with base colours and their pictures, skeleton, skin, blend shapes, and every
+    animation stack by its name, sampled at the file's frame rate. Units and axes are the file's own, brought to metres with +Y up; other textures than
+    base colours and normal maps, and cameras, are left out. Raises `FileError` for what cannot be read, is too large, or takes too long."""
     path = Path(path)
     size = path.stat().st_size
     if size > LARGEST:
