@@ -148,3 +148,15 @@ def test_large_files_are_passed_over(tmp_path, monkeypatch):
     assert picture_beside(str(tmp_path.resolve()), ["", "a\0b", "large.png"]) == PNG
     monkeypatch.setattr("retarget.io.pictures.LARGEST", 10)
     assert picture_beside(str(tmp_path.resolve()), ["large.png"]) is None and picture_kind(PNG) is None
+
+
+@pytest.mark.parametrize(("layers", "said"), [(0, "shows a texture without a picture"), (2, "of 2 pictures in one layered texture")])
+def test_layered_textures_show_their_first_picture(tmp_path, layers, said):
+    text = document(picture=Picture(PNG)).replace('"OP",40,20, "DiffuseColor"', '"OP",45,20, "DiffuseColor"')
+    other = text[text.index(" Texture: 40") : text.index(" Video: 41")].replace("40", "42", 1)
+    text = text.replace(" Texture: 40", ' LayeredTexture: 45, "LayeredTexture::L", "" {\n  LayeredTexture: 101\n }\n' + other + " Texture: 40")
+    text = text.replace("Connections: {", "Connections: {\n" + '\n'.join([' C: "OO",40,45', ' C: "OO",42,45', ' C: "OO",41,42'][: 3 if layers else 0]))
+    (tmp_path / "strip.fbx").write_text(text)
+    asset = load(tmp_path / "strip.fbx")
+    assert any(said in note for note in asset.notes), asset.notes
+    assert (look(asset).image == PNG) == bool(layers)
