@@ -35,6 +35,24 @@ def data_or_none() -> Path | None:
 
 
 @pytest.fixture
+def own_child(monkeypatch, tmp_path):
+    """Puts a script in the place of a module that runs in a process of its own: `own_child("fbx_child", text)`."""
+    import shutil
+
+    from retarget.io import child
+
+    folder = tmp_path / "packages" / "retarget" / "io"
+
+    def put(module, text):
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copy(child.__file__, folder / "child.py")
+        (folder / f"{module}.py").write_text(text)
+        monkeypatch.setattr(child, "PACKAGES", folder.parents[1])
+
+    return put
+
+
+@pytest.fixture
 def command(monkeypatch, capfd):
     """Runs the program as its entry point does; returns exit code, standard output and standard error."""
     import sys

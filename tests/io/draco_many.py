@@ -6,17 +6,16 @@ Prints 'read' or 'refused' for each FOLDER/n.in, so that the caller can go on be
 """
 
 import os
-import resource
 import sys
 from pathlib import Path
 
 from retarget.io import child, draco_child
 
 folder, first, last = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
-resource.setrlimit(resource.RLIMIT_AS, (child.MEMORY, child.MEMORY))
+child.limit()
 for number in range(first, last):
     try:
-        draco_child.convert(str(folder / f"{number}.in"), str(folder / "out"))
+        draco_child.work(str(folder / f"{number}.in"), str(folder / "out"))
         print("read", flush=True)
     except Exception:
         print("refused", flush=True)

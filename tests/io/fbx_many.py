@@ -7,17 +7,16 @@ took the process down.
 """
 
 import os
-import resource
 import sys
 from pathlib import Path
 
 from retarget.io import child, fbx_child
 
 folder, first, last = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
-resource.setrlimit(resource.RLIMIT_AS, (child.MEMORY, child.MEMORY))
+child.limit()
 for number in range(first, last):
     try:
-        fbx_child.convert(str(folder / f"{number}.fbx"), str(folder / f"{number}.glb"))
+        fbx_child.work(str(folder / f"{number}.fbx"), str(folder / f"{number}.glb"))
     except Exception:
         (folder / f"{number}.glb").unlink(missing_ok=True)
     print(number, flush=True)

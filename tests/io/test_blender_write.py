@@ -120,8 +120,8 @@ def test_without_blender_one_line_says_what_to_do(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        (["echo 'a warning' >&2", "echo 'ValueError: no armature' >&2", "exit 3"], r"cannot write it \(ValueError: no armature\)"),
-        (["exit 7"], r"cannot write it \(it ended with 7\)"),
+        (["echo 'a warning' >&2", "echo 'ValueError: no armature' >&2", "exit 3"], r"cannot write it \(ValueError: no armature \(exit code 3\)\)"),
+        (["exit 7"], r"cannot write it \(the process stopped without a word \(exit code 7\)\)"),
         (["exit 0"], "without an error and without a file"),
         (["exec sleep 20"], "takes longer than 0.5 s"),
     ],

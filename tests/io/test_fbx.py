@@ -11,7 +11,7 @@ from retarget.body.kinematics import rest_pose, world_pose
 from retarget.body.skinning import prepare_skinning, rest_vertices
 from retarget.errors import FileError
 from retarget.io import fbx, load, save
-from retarget.io.fbx_child import fans, heaviest
+from retarget.io.fbx_surface import heaviest
 
 
 @pytest.fixture
@@ -107,15 +107,13 @@ def test_cut_off_files_are_refused_or_read_but_never_crash(written, tmp_path):
             pass
 
 
-def test_a_reader_that_crashes_or_hangs_is_one_line(written, monkeypatch, tmp_path):
+def test_a_reader_that_crashes_or_hangs_is_one_line(written, monkeypatch, own_child):
     path = written()
-    child = tmp_path / "child.py"
-    monkeypatch.setattr(fbx, "CHILD", child)
-    child.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
-    with pytest.raises(FileError, match="the reader stopped without a word"):
+    own_child("fbx_child", "import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
+    with pytest.raises(FileError, match=r"cannot be read as FBX \(the process stopped without a word \(SIGSEGV\)\)"):
         load(path)
     monkeypatch.setattr(fbx, "SECONDS", 0.5)
-    child.write_text("import time\ntime.sleep(60)\n")
+    own_child("fbx_child", "import time\ntime.sleep(60)\n")
     with pytest.raises(FileError, match="takes longer than 0.5 s"):
         load(path)
 
@@ -131,12 +129,6 @@ def test_this_process_never_loads_ufbx(written):
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_fans_keep_the_order_of_polygons():
-    corners = np.array([5, 6, 7, 0, 1, 2, 3, 9, 8])
-    faces, materials = fans(np.array([[0, 3], [3, 4], [7, 2]]), corners, np.array([4, 2, 0]))
-    assert faces.tolist() == [[5, 6, 7], [0, 1, 2], [0, 2, 3]] and materials.tolist() == [4, 2, 2]
-
-
 def test_the_heaviest_influences_come_first_and_sum_to_one():
     spans = np.array([[0, 2], [2, 0], [2, 10]])
     rows = np.array([[3, 0.25], [1, 0.75], *([n, n + 1.0] for n in range(10))])
@@ -144,3 +136,10 @@ def test_the_heaviest_influences_come_first_and_sum_to_one():
     assert joints.shape == (3, 8) and joints[0, :2].tolist() == [1, 3] and weights[0, :2].tolist() == [0.75, 0.25]
     assert weights[1].sum() == 0 and joints[2].tolist() == [9, 8, 7, 6, 5, 4, 3, 2]
     assert weights[2] == pytest.approx(np.arange(10, 2, -1) / np.arange(3, 11).sum())
+
+
+def test_without_ufbx_the_cure_is_told(written, own_child):
+    path = written()
+    own_child("fbx_child", "raise ImportError(\"No module named 'ufbx'\")")
+    with pytest.raises(FileError, match="needs the package ufbx to be read: pip install ufbx"):
+        load(path)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fbx_maker import document
+from fbx_maker import Picture, Shapes, document
+from gltf_maker import PNG
 
 from retarget.errors import RetargetError
 from retarget.evaluate.damage import damaged
@@ -37,12 +38,19 @@ def convert_all(folder, count):
 @pytest.mark.parametrize("kind", ["ascii", "binary"])
 def test_damaged_files_are_read_or_refused(tmp_path, data_or_none, kind):
     if kind == "ascii":
-        seeds = [document(takes=(("one", 30.0), ("two", 60.0)), pre_rotation=(0, 90, 0)).encode()]
+        shown = {"picture": Picture(PNG), "shapes": Shapes((50.0, 100.0), rest=25.0, end=100.0)}
+        seeds = [
+            document(takes=(("one", 30.0), ("two", 60.0)), pre_rotation=(0, 90, 0)).encode(),
+            document(takes=(("one", 30.0),), **shown).encode(),
+            document(bones=False, **shown).encode(),
+        ]
     else:
         path = data_or_none and data_or_none / "meshes" / "quaternius_posed" / "M_Male_Sitting.fbx"
         if not path or not path.exists():
             pytest.skip("no binary FBX file is at hand")
         seeds = [path.read_bytes()]
+        shown = data_or_none / "characters" / "fbx" / "blender_293_barbarian_7400_binary.fbx"
+        seeds += [shown.read_bytes()] if shown.exists() else []
     random, count = np.random.default_rng(3), MUTATIONS if kind == "ascii" else MUTATIONS // 4
     for number in range(count):
         (tmp_path / f"{number}.fbx").write_bytes(damaged(seeds[number % len(seeds)], random))

@@ -12,7 +12,7 @@ from retarget.body.kinematics import rest_pose, world_pose
 from retarget.body.skinning import prepare_skinning, rest_vertices
 from retarget.errors import FileError
 from retarget.io import load
-from retarget.io.usd_surface import fan_triangles
+from retarget.io.glb import fan_triangles
 from retarget.io.usd_transforms import split
 
 pxr = pytest.importorskip("pxr")

@@ -6,9 +6,8 @@ Prints a line a file, so that its caller knows which one took the process down.
 import signal
 import sys
 
-from retarget.io.child_process import limit
-from retarget.io.usd_child import convert
-from retarget.io.usd_layers import in_plain_words
+from retarget.io.child import limit
+from retarget.io.usd_child import work
 
 
 class TooLong(Exception):
@@ -25,7 +24,7 @@ def main(folder, first, end, suffix):
     for number in range(int(first), int(end)):
         signal.alarm(20)
         try:
-            in_plain_words(lambda: convert(f"{folder}/{number}.{suffix}", f"{folder}/{number}.glb"))
+            work(f"{folder}/{number}.{suffix}", f"{folder}/{number}.glb")
             said = "read"
         except TooLong:
             said = "hangs"

@@ -50,6 +50,24 @@ def test_bare_meshes_are_read(data):
         assert asset.kind == "mesh" and len(asset.mesh.faces) > 500
 
 
+def test_pictures_and_shapes_come_along(data, tmp_path):
+    """The barbarian's two pictures are in the file; hair and mouth follow shapes."""
+    asset = load(at_hand(data, "fbx/blender_293_barbarian_7400_binary.fbx"))
+    save(tmp_path / "out.glb", asset.character, [])
+    for held in (asset, load(tmp_path / "out.glb")):
+        looks = held.character.mesh.materials
+        assert [each.name for each in looks] == ["hair", "body"] and all(each.image[:4] == b"\x89PNG" for each in looks)
+        told = held.character.origin.document
+        named = [mesh["extras"]["targetNames"] for mesh in told.json["meshes"] if "extras" in mesh]
+        assert named == [["Left", "Right"], ["Mouth"]]
+        animation = told.json["animations"][0]
+        moved = [each for each in animation["channels"] if each["target"]["path"] == "weights"]
+        assert len(moved) == 2
+        for channel in moved:
+            weights = told.floats(animation["samplers"][channel["sampler"]]["output"], ("SCALAR",))
+            assert np.ptp(weights) > 0.1 and -0.1 < weights.min() and weights.max() < 1.1
+
+
 @pytest.mark.parametrize("name", ["quaternius/Alien.fbx", "quaternius/Male_Casual.fbx", "quaternius/Animated_Woman.fbx", "fbx/blender_293_barbarian_7400_binary.fbx", "fbx/maya_kenney_character_7700_binary.fbx"])  # fmt: skip
 def test_joints_stand_where_blender_puts_them(data, tmp_path, name):
     path, python = at_hand(data, name), os.environ.get("RETARGET_BPY_PYTHON", sys.executable)

@@ -12,7 +12,6 @@ import importlib.util
 import json
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -22,6 +21,7 @@ from pathlib import Path
 from retarget.character import Character, Motion
 from retarget.errors import FileError
 from retarget.io import gltf
+from retarget.io.child import ChildFailed, ChildTimeout, run_program
 from retarget.io.whole_file import written_whole
 
 CHILD = Path(__file__).with_name("blender_child.py")
@@ -74,8 +74,9 @@ def blender(path: Path) -> list[str]:
     named = os.environ.get(VARIABLE)
     if named and not shutil.which(named):
         raise FileError(path, f"{VARIABLE} names {named}, which is no program")
-    found = named or shutil.which("blender")
+    found = shutil.which(named or "blender")
     if found:
+        found = os.path.abspath(found)  # it starts in another folder
         if "blender" in Path(found).name.lower():
             return [found, "--background", "--factory-startup", "--python-use-system-env", "--python", str(CHILD)]
         return [found, str(CHILD)]
@@ -90,14 +91,8 @@ def blender(path: Path) -> list[str]:
 
 def _run(command: list[str], path: Path) -> None:
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=SECONDS, stdin=subprocess.DEVNULL,
-            env=os.environ | {"PYTHONHASHSEED": "0"},  # identities in an FBX file are hashes of names
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
+        run_program(command, SECONDS, os.environ | {"PYTHONHASHSEED": "0"})  # identities in an FBX file are hashes of names
+    except ChildTimeout:
         raise FileError(path, f"Blender takes longer than {SECONDS:g} s to write it") from None
-    except OSError as error:
-        raise FileError(path, f"Blender cannot be started: {error.strerror or error}") from None
-    if done.returncode != 0:
-        reason = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"it ended with {done.returncode}"
-        raise FileError(path, f"Blender cannot write it ({reason})")
+    except ChildFailed as error:
+        raise FileError(path, f"Blender cannot write it ({error})") from None

@@ -13,7 +13,7 @@ MOST_BYTES = 1 << 30
 """Of all arrays together."""
 
 
-def convert(source: str, output: str) -> list[dict[str, Any]]:
+def work(source: str, output: str) -> list[dict[str, Any]]:
     """For each piece its `points` (their number), its `faces` and its `attributes` by unique id, each an array's place:
     `[offset, dtype, rows, columns]`."""
     import DracoPy

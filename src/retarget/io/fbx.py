@@ -16,10 +16,9 @@ from typing import Any
 from retarget.errors import FileError
 from retarget.io import gltf
 from retarget.io.asset import Asset
-from retarget.io.child import ChildError, ChildTimeout, run_child
+from retarget.io.child import ChildError, ChildFailed, run_child
 from retarget.io.gltf_document import read_document
 
-CHILD = Path(__file__).with_name("fbx_child.py")
 SECONDS = 120.0
 """How long reading may take."""
 LARGEST = 1 << 30
@@ -27,9 +26,9 @@ LARGEST = 1 << 30
 
 
 def load(path: str | Path) -> Asset:
-    """Read an .fbx file, ASCII or binary: meshes with base colours, skeleton, skin, and every animation stack by its name,
-    sampled at the file's frame rate. Units and axes are the file's own, brought to metres with +Y up; textures, morph
-    targets and cameras are left out. Raises `FileError` for what cannot be read, is too large, or takes too long."""
+    """Read an .fbx file, ASCII or binary: meshes with base colours and their pictures, skeleton, skin, blend shapes, and every
+    animation stack by its name, sampled at the file's frame rate. Units and axes are the file's own, brought to metres with +Y up; other textures than
+    base colours and normal maps, and cameras, are left out. Raises `FileError` for what cannot be read, is too large, or takes too long."""
     path = Path(path)
     size = path.stat().st_size
     if size > LARGEST:
@@ -47,11 +46,11 @@ def load(path: str | Path) -> Asset:
 def _convert(path: Path, output: Path) -> dict[str, Any]:
     """Run the child; returns what it says of the file."""
     try:
-        return run_child(CHILD, path.resolve(), output, SECONDS)
-    except ChildTimeout:
-        problem = f"takes longer than {SECONDS:g} s to read; it is damaged, or larger than any we know"
-    except ChildError as error:
+        return run_child("fbx_child", [path.absolute(), output], SECONDS)
+    except ChildFailed as error:
         problem = f"cannot be read as FBX ({error}); export it again, as binary FBX 7.4 or as GLB"
         if "No module named 'ufbx'" in str(error):
             problem = "needs the package ufbx to be read: pip install ufbx==0.0.5"
+    except ChildError as error:
+        problem = str(error)
     raise FileError(path, problem)

@@ -83,6 +83,8 @@ def _skeletal(document: Document, tree: NodeTree, nodes: list[int]) -> Asset:
     binds = {number: binding.inverse_binds for number, binding in enumerate(bindings) if not binding.clean}
     clips, numbers, more = list_clips(document, rig)
     notes += more
+    if mesh is not None and animates_weights(document):
+        notes.append("its morph targets are animated: a written glTF keeps that, all else shows them at their default weights")
     uneven = [joint for joint in range(len(names)) if not is_uniform(rig.stretch[joint])]
     if uneven:
         notes.append(f"{_some(names, uneven)} scaled unevenly: the surface is exact at rest, near it in other poses")

@@ -57,7 +57,7 @@ def read_sequence(document: Document, tree: NodeTree, mesh: Mesh) -> MeshMotion 
     grid = timeline(times)
     weights = _weights(document, sampler, times, grid.times, len(targets))
     base = document.floats(primitives[0]["attributes"]["POSITION"], ("VEC3",))
-    if len(base) != len(mesh.vertices) or 12 * len(base) * grid.frames > LARGEST:
+    if len(base) != len(mesh.vertices) or 12 * len(base) * max(grid.frames, 2 * len(targets)) > LARGEST:
         return None
     moves = [document.floats(target, ("VEC3",)) for target in targets]
     for target, move in zip(targets, moves):

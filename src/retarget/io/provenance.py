@@ -12,8 +12,8 @@ from typing import Any
 
 from retarget.character import Provenance
 from retarget.errors import RetargetError
+from retarget.io.glb import PROVENANCE_KEY as KEY
 
-KEY = "retarget"
 LONGEST = 1024
 """Characters of a name that is believed."""
 

@@ -17,7 +17,7 @@ from typing import Any
 from retarget.errors import FileError
 from retarget.io import gltf
 from retarget.io.asset import Asset, Convention
-from retarget.io.child_process import ChildFailed, run_child
+from retarget.io.child import ChildError, ChildFailed, run_child
 from retarget.io.gltf_document import read_document
 from retarget.io.gltf_nodes import GltfOrigin
 
@@ -55,9 +55,11 @@ def load(path: str | Path) -> Asset:
     with tempfile.TemporaryDirectory(prefix="retarget-") as folder:
         output = Path(folder) / "converted.glb"
         try:
-            told = run_child(path, "retarget.io.usd_child", [str(path.absolute()), str(output)], SECONDS)
+            told = run_child("usd_child", [path.absolute(), output], SECONDS)
         except ChildFailed as failure:
             raise FileError(path, f"cannot be read as USD ({failure}); export it again, or as GLB") from None
+        except ChildError as error:
+            raise FileError(path, str(error)) from None
         document = replace(read_document(output), path=path)
     asset = gltf.from_document(document)
     if asset.character is not None:

@@ -8,8 +8,9 @@ import zipfile
 import zlib
 from typing import Any
 
-from retarget.io.child_process import LARGEST_FILE
-from retarget.io.usd_layers import home_of, is_inside
+from retarget.io.child import LARGEST_FILE
+from retarget.io.pictures import is_inside
+from retarget.io.usd_layers import home_of
 
 PACKED = (".png", ".jpg", ".jpeg", ".exr", ".avif", ".m4a", ".mp3", ".wav")
 """Suffixes that a package may hold beside USD (usdz specification)."""

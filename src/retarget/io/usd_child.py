@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from retarget.io.child_process import Refused, answer
-from retarget.io.fbx_child import Glb
+from retarget.io.child import Refused
+from retarget.io.glb import Glb
 from retarget.io.usd_clips import add_clips
 from retarget.io.usd_layers import home_of, in_plain_words, open_stage, prims_of
 from retarget.io.usd_looks import Looks
@@ -46,12 +46,13 @@ class Bones:
     """The GLB's node of the skeleton itself."""
 
 
-def main(source: str, output: str, reply: str) -> None:
-    answer(reply, lambda: in_plain_words(lambda: convert(source, output)))
+def work(source: str, output: str) -> dict[str, Any]:
+    """Write the GLB; returns what the file says of itself."""
+    return in_plain_words(lambda: convert(source, output))
 
 
 def convert(source: str, output: str) -> dict[str, Any]:
-    """Write the GLB; returns what the file says of itself."""
+    """As `work`; errors of usd-core as they come."""
     stage, notes, _ = open_stage(source)
     prims, glb = prims_of(stage), Glb()
     looks = Looks(glb, home_of(source), notes)

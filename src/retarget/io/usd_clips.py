@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from retarget.io.child_process import Refused
-from retarget.io.fbx_child import FLOAT, MOST_KEYS, STILL, Glb
-from retarget.io.provenance import KEY
+from retarget.io.child import Refused
+from retarget.io.glb import FLOAT, MOST_KEYS, PROVENANCE_KEY, STILL, Glb
 from retarget.io.usd_transforms import placement, split
 
 FRAME_RATES = (10.0, 240.0)
@@ -46,7 +45,7 @@ def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[st
     keys, plays = 0, None
     for prim in _animations(prims, bound, bones):
         own = prim.GetPath() == bound
-        record = prim.GetCustomDataByKey(KEY)
+        record = prim.GetCustomDataByKey(PROVENANCE_KEY)
         samples = [_samples(prim, name) for name, _, _ in PARTS] + ([carried] if own else [])
         name = _free(prim.GetDisplayName() or prim.GetName(), names)
         take = _take(stage, name, np.unique(np.concatenate(samples)), own)
@@ -177,7 +176,7 @@ def _write(glb: Glb, take: Take) -> None:
     for node, path, kind, values in take.channels:
         channels.append({"sampler": len(samplers), "target": {"node": node, "path": path}})
         samplers.append({"input": clock, "output": glb.add(values.astype(np.float32), kind, FLOAT)})
-    extras = {} if take.made_from is None else {"extras": {KEY: take.made_from}}
+    extras = {} if take.made_from is None else {"extras": {PROVENANCE_KEY: take.made_from}}
     glb.append("animations", {"name": take.name, "samplers": samplers, "channels": channels} | extras)
 
 

@@ -12,7 +12,8 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from retarget.io.child_process import Refused
+from retarget.io.child import Refused
+from retarget.io.pictures import is_inside
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 MOST_LAYERS = 2000
@@ -50,10 +51,6 @@ def open_stage(source: str) -> tuple[Any, list[str], bool]:
 def home_of(source: str) -> str:
     """What a file may reach: the real path of its folder; for a package the package itself."""
     return os.path.realpath(source if source.lower().endswith(".usdz") else os.path.dirname(source))
-
-
-def is_inside(real: str, home: str) -> bool:
-    return real == home or real.startswith(home.rstrip(os.sep) + os.sep)
 
 
 def check_layers(source: str) -> tuple[list[str], bool]:

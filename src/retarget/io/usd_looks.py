@@ -13,17 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from retarget.io.child_process import Refused
-from retarget.io.fbx_child import Glb
+from retarget.io.child import Refused
+from retarget.io.glb import Glb
+from retarget.io.pictures import is_inside, picture_kind
 from retarget.io.usd_assets import read_asset
-from retarget.io.usd_layers import is_inside
 
 GREY = (0.8, 0.8, 0.8)
 LEFT_OUT = (
     "textures are left out where a point has several coordinates, "
     "or the picture is no PNG or JPEG inside the file's folder"
 )
-PICTURES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 
 
 def first(attribute: Any) -> Any:
@@ -111,14 +110,8 @@ class Looks:
             data = read_asset(real, inner.removesuffix("]"))
         except (OSError, zipfile.BadZipFile):
             return None
-        kind = next((kind for head, kind in PICTURES.items() if data and data.startswith(head)), None)
-        if kind is None:
-            return None
-        view = self.glb.append("bufferViews", {"buffer": 0, "byteOffset": self.glb.size, "byteLength": len(data)})
-        self.glb.parts.append(data + b"\0" * (-len(data) % 4))
-        self.glb.size += len(self.glb.parts[-1])
-        image = self.glb.append("images", {"bufferView": view, "mimeType": kind})
-        return self.glb.append("textures", {"source": image})
+        kind = picture_kind(data or b"")
+        return None if kind is None else self.glb.add_picture(data, kind)
 
     def _coordinates(self, mesh: Any, name: str, corners: np.ndarray, points: int) -> np.ndarray | None:
         """Texture coordinates (points, 2) from the top left; None where there are none, or several for one point."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from retarget.io.child_process import Refused
-from retarget.io.fbx_child import FLOAT, SHORT, UNSIGNED, Glb
+from retarget.io.child import Refused
+from retarget.io.glb import FLOAT, UNSIGNED, Glb, fan_triangles
 from retarget.io.usd_looks import Looks, first
 from retarget.io.usd_transforms import decomposed, placement
 
@@ -136,15 +136,6 @@ def _geometry(glb: Glb, prim: Any, looks: Looks) -> tuple[np.ndarray, np.ndarray
     return points, triangles, of_face[owners], attributes
 
 
-def fan_triangles(counts: np.ndarray, first: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of polygons, as fans from their first corners, and the polygon of each; in the polygons' order."""
-    each = np.maximum(counts - 2, 0)
-    owners = np.repeat(np.arange(len(counts)), each)
-    step = np.arange(len(owners)) - np.repeat(np.cumsum(each) - each, each)
-    start = first[owners]
-    return np.stack([corners[start], corners[start + step + 1], corners[start + step + 2]], axis=1), owners
-
-
 def _joint_map(prim: Any, bones: Any) -> np.ndarray:
     """The skeleton's joint behind each joint of a mesh, which may list its own (`skel:joints`)."""
     above = prim
@@ -193,10 +184,7 @@ def _add_influences(glb: Glb, prim: Any, count: int, bones: int, attributes: dic
     joints, weights = np.pad(np.where(used, joints, 0), pad), np.pad(np.where(used, weights, 0.0), pad)
     total = weights.sum(axis=1, keepdims=True)
     weights = np.divide(weights, total, out=weights.copy(), where=np.isfinite(total) & (total > 1e-9))
-    for start in range(0, joints.shape[1], 4):
-        own = slice(start, start + 4)
-        attributes[f"JOINTS_{start // 4}"] = glb.add(joints[:, own].astype(np.uint16), "VEC4", SHORT)
-        attributes[f"WEIGHTS_{start // 4}"] = glb.add(weights[:, own].astype(np.float32), "VEC4", FLOAT)
+    attributes |= glb.add_influences(joints, weights)
 
 
 def _primitives(glb: Glb, attributes: dict[str, int], triangles: np.ndarray, materials: np.ndarray) -> list[dict]:

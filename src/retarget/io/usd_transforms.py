@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from retarget.io.child_process import Refused
+from retarget.io.child import Refused
 
 SHEAR = 1e-4
 """Part of a matrix's size by which it may differ from rotation times scale."""

@@ -21,7 +21,7 @@ from retarget.body.kinematics import joint_transforms, local_positions, rest_pos
 from retarget.body.rotations import continuous, normalise, to_matrix
 from retarget.character import Character, Material, Motion, Skeleton
 from retarget.errors import FileError, RetargetError
-from retarget.io.child_process import ChildFailed, run_child
+from retarget.io.child import ChildError, ChildFailed, run_child
 from retarget.io.gltf_build import bound_surface, smooth_normals
 from retarget.io.gltf_nodes import node_transform
 from retarget.io.gltf_weights import merge_influences
@@ -94,9 +94,11 @@ def _run(path: Path, order: dict[str, Any], arrays: dict[str, Array]) -> None:
         (Path(folder) / "order.json").write_text(json.dumps(order))
         np.savez(Path(folder) / "arrays.npz", **arrays)
         try:
-            run_child(path, "retarget.io.usd_write_child", [folder, str(output)], SECONDS)
+            run_child("usd_write_child", [folder, output], SECONDS)
         except ChildFailed as failure:
             raise FileError(path, f"cannot be written as USD ({failure})") from None
+        except ChildError as error:
+            raise FileError(path, str(error)) from None
         with open(output, "rb") as finished, written_whole(path) as file:
             shutil.copyfileobj(finished, file)
 

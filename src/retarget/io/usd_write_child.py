@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from retarget.io.child_process import Refused, answer
-from retarget.io.provenance import KEY
+from retarget.io.child import Refused
+from retarget.io.glb import PROVENANCE_KEY
 from retarget.io.usd_assets import Assets, write_package
 from retarget.io.usd_layers import check_layers, in_plain_words
 from retarget.io.usd_stage import make_stage
 from retarget.io.usd_transforms import placement
 
 
-def main(folder: str, output: str, reply: str) -> None:
-    answer(reply, lambda: in_plain_words(lambda: write(folder, output)))
+def work(folder: str, output: str) -> dict[str, Any]:
+    """Write `output` as the files in `folder` order."""
+    return in_plain_words(lambda: write(folder, output))
 
 
 def write(folder: str, output: str) -> dict[str, Any]:
@@ -103,7 +104,7 @@ def add_clips(stage: Any, skeleton: Any, order: dict[str, Any], arrays: dict[str
         if clip["name"] != free:
             animation.GetPrim().SetDisplayName(clip["name"])
         if "made_from" in clip:
-            animation.GetPrim().SetCustomDataByKey(KEY, clip["made_from"])
+            animation.GetPrim().SetCustomDataByKey(PROVENANCE_KEY, clip["made_from"])
         values = (arrays[f"{name}_{number}"] for name in ("translations", "rotations", "scales"))
         _fill(animation, order["tokens"], *values, rate / clip["fps"])
         paths.append(animation.GetPath())
