@@ -28,6 +28,8 @@ def describe(path: Path, smpl_model: Path | None = None) -> dict[str, Any]:
     if asset.sequence is not None:
         mesh, moving = asset.sequence.mesh, asset.sequence
         report["clips"] = [{"name": moving.name, "frames": len(moving), "fps": moving.fps}]
+        low, high = moving.vertices[0].min(axis=0), moving.vertices[0].max(axis=0)
+        report["size"] = [round(float(length), 4) for length in high - low]
     if mesh is not None:
         report["vertices"], report["faces"] = len(mesh.vertices), len(mesh.faces)
     if asset.points is not None:
@@ -72,6 +74,9 @@ def _describe_lines(report: Mapping[str, Any]) -> Iterator[str]:
     yield f"{report['file']}: {report['kind']}"
     if "vertices" in report:
         yield f"  surface    {report['vertices']} vertices, {report['faces']} faces"
+    if "size" in report:
+        unit = "m" if report["stated"]["metres_per_unit"] == 1.0 else "units of the file"
+        yield f"  size       {' x '.join(f'{length:.3f}' for length in report['size'])} {unit} on the first frame"
     if "points" in report:
         yield f"  points     {report['points']}"
     if "joints" in report:

@@ -65,7 +65,7 @@ def convert_file(order: Conversion) -> dict[str, Any]:
         raise RetargetError(f"unit must be positive metres per unit, received {order.unit:g}")
     asset = load(order.file, smpl_model=order.smpl_model)
     if sequence or asset.sequence is not None:
-        space, notes = _space(asset, order, keep=asset.sequence is None or output.suffix.lower() not in (".glb", ".gltf"))
+        space, notes = _space(asset, order, keep=asset.sequence is None or output.suffix.lower() in (*SEQUENCE_SUFFIXES, *SURFACE_SUFFIXES, ".bvh"))
         moving, size = convert_sequence(asset, output, order.clip, order.fps, space)
         return _report(asset, [(output, [(moving.name, len(moving), moving.fps)])], [*asset.notes, *notes], size)
     _expect_fitting(asset, output)
@@ -205,6 +205,8 @@ def _inferred(asset: Asset, up: str | None, unit: float | None) -> tuple[str, fl
     import numpy as np
 
     wanted = " and ".join(option for option, known in (("--up", up), ("--unit", unit)) if known is None)
+    if asset.sequence is not None:
+        raise FileError(asset.path, f"does not tell its space, and a mesh sequence has no joints that show it; give {wanted}")
     try:
         actor = cast(asset, Hints(None, up, unit), asset.motion(0) if asset.clips else None)
     except MatchError as error:

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from made_bodies import sphere
 
 from retarget.geometry.geodesic import Geodesics, farthest_points
-from made_bodies import sphere
 
 
 def test_half_way_around_the_ball():

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from made_bodies import sphere
 
 from retarget.geometry.closest import SurfaceIndex
 from retarget.geometry.resample import Surface, largest_pieces
 from retarget.geometry.shell import covering_points, shell
 from retarget.geometry.topology import is_oriented, rim_edges, signed_volume
-from made_bodies import sphere
 
 
 def test_the_shell_of_a_ball_is_a_ball():

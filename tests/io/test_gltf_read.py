@@ -9,9 +9,9 @@ from retarget.body.kinematics import rest_pose
 from retarget.body.skinning import rest_vertices
 from retarget.errors import RetargetError
 from retarget.io import gltf, load
-from retarget.io.gltf_clips import timeline
 from retarget.io.gltf_surface import triangles
 from retarget.io.gltf_weights import merge_influences
+from retarget.io.timeline import timeline
 
 
 def loaded(m, tmp_path):

@@ -29,8 +29,10 @@ def seeds(tmp_path, suffix):
 
     plain = stage(LOOK, skeleton(inside=animation()), tube_mesh(extra="rel material:binding = </Man/Red>"), up="Z", unit="0.01")
     rich = stage(skeleton(inside=animation() + animation("other", joints=(0, 1, 2)), posed=20), tube_mesh(), tube_mesh("Twin", quads=True))
+    cache = '#usda 1.0\n(\nmetersPerUnit = 1\n)\ndef Mesh "M" {\nint[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n'
+    cache += "point3f[] points.timeSamples = {0: [(0,0,0), (1,0,0), (0,1,0)], 1: [(0,0,1), (1,0,0), (0,1,0)]}\n}\n"
     if suffix == "usda":
-        return [plain.encode(), rich.encode()]
+        return [plain.encode(), rich.encode(), cache.encode()]
     (tmp_path / "seed.usda").write_text(rich)
     Sdf.Layer.FindOrOpen(str(tmp_path / "seed.usda")).Export(str(tmp_path / "seed.usdc"))
     if suffix == "usdz":

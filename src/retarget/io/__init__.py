@@ -109,20 +109,22 @@ def save(
 
 
 def save_sequence(path: str | Path, motion: MeshMotion) -> None:
-    """Write a mesh sequence as glTF (.glb, .gltf; frames as morph targets), as an archive (.npz), or as a folder of PLY files
-    (no suffix).
+    """Write a mesh sequence as glTF (.glb, .gltf; frames as morph targets), USD (time samples), an archive (.npz), or a folder
+    of PLY files (no suffix).
 
     The file, or folder, appears whole or not at all. Raises `FileError` for other suffixes and where it cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() in (".glb", ".gltf"):
         importlib.import_module("retarget.io.gltf_morph").save_sequence(path, motion)
+    elif WRITERS.get(path.suffix.lower()) == "retarget.io.usd":
+        importlib.import_module("retarget.io.usd_sequence").save(path, motion)
     elif path.suffix.lower() == ".npz":
         importlib.import_module("retarget.io.npz_sequence").save(path, motion)
     elif not path.suffix:
         importlib.import_module("retarget.io.mesh_folder").save(path, motion)
     else:
-        raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, not as {path.suffix!r}")
+        raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, or as USD, not as {path.suffix!r}")
 
 
 def check_format(path: Path) -> None:

@@ -62,6 +62,9 @@ class Asset:
 
         Raises `FileError` if the file holds no clip, `RetargetError` if none has that name.
         """
+        if self.sequence is not None:
+            cure = "`retarget info` and `picture` show it, `convert` writes it in other formats"
+            raise FileError(self.path, f"holds a mesh sequence, whose surface moves without joints to follow; {cure}")
         if not self.clips or self.read_clip is None:
             raise FileError(self.path, "holds no animation clip")
         names = [each.name for each in self.clips]

@@ -11,10 +11,11 @@ from jaxtyping import Float
 from retarget.character import Mesh, MeshMotion
 from retarget.errors import FileError
 from retarget.io.gltf_build import add_mesh
-from retarget.io.gltf_clips import key_times, timeline
+from retarget.io.gltf_clips import key_times
 from retarget.io.gltf_document import Document
 from retarget.io.gltf_draft import Draft, write_files
 from retarget.io.gltf_nodes import NodeTree
+from retarget.io.timeline import timeline
 
 Array = np.ndarray
 

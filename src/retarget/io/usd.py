@@ -14,6 +14,9 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from retarget.character import MeshMotion
 from retarget.errors import FileError
 from retarget.io import gltf
 from retarget.io.asset import Asset, Convention
@@ -44,7 +47,8 @@ def load(path: str | Path) -> Asset:
     """Read a USD file: the skeleton that moves most, its meshes with base colours, its animations by name.
 
     Units and axes are the file's own, brought to metres with +Y up; a file that states no unit is in centimetres, as
-    the format says. Blend shapes and meshes that no skeleton moves are left out, with a note. Raises `FileError` for
+    the format says. Blend shapes and meshes that no skeleton moves are left out, with a note; in a stage without skeleton
+    they are one mesh, and a 'mesh sequence' where their points or places are sampled over time. Raises `FileError` for
     what cannot be read, is too large, takes too long, or refers to layers outside its folder.
     """
     path = Path(path)
@@ -61,7 +65,9 @@ def load(path: str | Path) -> Asset:
         except ChildError as error:
             raise FileError(path, str(error)) from None
         document = replace(read_document(output), path=path)
-    asset = gltf.from_document(document)
+        asset = gltf.from_document(document)
+        if told.get("sequence"):
+            asset = _moving(asset, Path(f"{output}.points"), told["sequence"])
     if asset.character is not None:
         known = {each.name: getattr(asset.character.origin, each.name) for each in fields(GltfOrigin)}
         tokens = {int(node): token for node, token in told["joints"].items()}
@@ -73,6 +79,15 @@ def load(path: str | Path) -> Asset:
     convention = Convention(1.0 if told["unit_stated"] else None, "+y")
     plays = 0 if asset.clips and told.get("bound") == asset.clips[0].name else None
     return replace(asset, convention=convention, plays=plays, notes=(said, *told["notes"], *asset.notes))
+
+
+def _moving(asset: Asset, points: Path, held: dict[str, Any]) -> Asset:
+    """The mesh sequence of a stage whose meshes move without a skeleton."""
+    vertices = np.fromfile(points, dtype=np.float32).reshape(held["frames"], held["points"], 3)
+    notes = [f"{held['meshes']} meshes are joined into one"] if held["meshes"] > 1 else []
+    mesh = replace(asset.mesh, vertices=vertices[0].astype(np.float64))
+    sequence = MeshMotion(mesh, vertices, held["fps"], held["name"])
+    return replace(asset, kind="mesh sequence", mesh=None, sequence=sequence, notes=(*notes, *asset.notes))
 
 
 def save(path: str | Path, *arguments: Any, **options: Any) -> None:

@@ -20,7 +20,8 @@ from retarget.io.glb import Glb
 from retarget.io.usd_clips import add_clips
 from retarget.io.usd_layers import home_of, in_plain_words, open_stage, prims_of
 from retarget.io.usd_looks import Looks
-from retarget.io.usd_surface import add_still_mesh, bindings_of, skinned_meshes
+from retarget.io.usd_points import add_meshes
+from retarget.io.usd_surface import bindings_of, skinned_meshes
 from retarget.io.usd_transforms import decomposed, placement
 
 FROM_Z_UP = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]
@@ -65,8 +66,7 @@ def convert(source: str, output: str) -> dict[str, Any]:
         told["bound"] = add_clips(glb, stage, bones, prims, notes)
         told |= {"skeleton": str(skeleton.GetPath()), "joints": dict(zip(map(str, bones.nodes), bones.tokens))}
     else:
-        for prim in prims:
-            add_still_mesh(glb, prim, looks)
+        told["sequence"] = add_meshes(glb, stage, prims, looks, f"{output}.points")
     glb.write(output)
     return told | {"notes": list(dict.fromkeys(notes))}
 

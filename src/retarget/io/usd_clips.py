@@ -40,7 +40,7 @@ def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[st
     Raises `Refused` for values that are no transforms, or more than anyone made.
     """
     bound = bound_animation(bones.prim)
-    carried = _moving_codes(bones.prim)
+    carried = moving_codes(bones.prim)
     names: set[str] = set()
     keys, plays = 0, None
     for prim in _animations(prims, bound, bones):
@@ -48,7 +48,7 @@ def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[st
         record = prim.GetCustomDataByKey(PROVENANCE_KEY)
         samples = [_samples(prim, name) for name, _, _ in PARTS] + ([carried] if own else [])
         name = _free(prim.GetDisplayName() or prim.GetName(), names)
-        take = _take(stage, name, np.unique(np.concatenate(samples)), own)
+        take = take_of(stage, name, np.unique(np.concatenate(samples)), own)
         take.made_from = _plain(record) if isinstance(record, dict) else None
         keys += _checked_keys(take, bones, keys)
         _add_joints(take, prim, bones, glb, notes)
@@ -57,7 +57,7 @@ def add_clips(glb: Glb, stage: Any, bones: Any, prims: list[Any], notes: list[st
             _add_carried(take, bones)
         _write(glb, take)
     if bound is None and len(carried):  # a still skeleton that its prim carries about
-        take = _take(stage, _free(bones.prim.GetName(), names), carried, True)
+        take = take_of(stage, _free(bones.prim.GetName(), names), carried, True)
         _checked_keys(take, bones, keys)
         _add_carried(take, bones)
         _write(glb, take)
@@ -89,7 +89,7 @@ def _samples(prim: Any, name: str) -> np.ndarray:
     return np.array(prim.GetAttribute(name).GetTimeSamples(), dtype=np.float64)
 
 
-def _moving_codes(prim: Any) -> np.ndarray:
+def moving_codes(prim: Any) -> np.ndarray:
     """Time codes at which the prim or any above it is placed anew; none for one that stays."""
     from pxr import UsdGeom
 
@@ -104,7 +104,8 @@ def _moving_codes(prim: Any) -> np.ndarray:
     return np.unique(np.array(codes, dtype=np.float64))
 
 
-def _take(stage: Any, name: str, samples: np.ndarray, bound: bool) -> Take:
+def take_of(stage: Any, name: str, samples: np.ndarray, bound: bool) -> Take:
+    """The time codes of a take with these samples; `bound`: of the part that the stage plays. Raises `Refused` for too many."""
     rate = float(stage.GetTimeCodesPerSecond())
     if not len(samples):
         return Take(name, rate, np.zeros(1))

@@ -37,28 +37,38 @@ def make_stage(order: dict[str, Any], arrays: dict[str, np.ndarray], assets: Ass
 def _add_mesh(
     stage: Any, root: Any, skeleton: Any, order: dict[str, Any], arrays: dict[str, np.ndarray], assets: Assets
 ) -> None:
-    from pxr import Gf, Sdf, UsdGeom, UsdShade, UsdSkel, Vt
+    """The surface, bound to the skeleton."""
+    from pxr import Gf, UsdGeom, UsdSkel, Vt
 
-    mesh = UsdGeom.Mesh.Define(stage, root.GetPath().AppendChild("Body"))
-    points, faces = arrays["points"], arrays["faces"]
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
-    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
-    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(faces.ravel())))
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
+    mesh = add_surface(stage, root, "Body", order, arrays, assets)
     mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(arrays["normals"]))
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-    mesh.CreateDoubleSidedAttr(any(material["double_sided"] for material in order["materials"]))
-    if "uvs" in arrays:
-        kind = Sdf.ValueTypeNames.TexCoord2fArray
-        uvs = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex)
-        uvs.Set(Vt.Vec2fArray.FromNumpy(arrays["uvs"]))
     binding, width = UsdSkel.BindingAPI.Apply(mesh.GetPrim()), arrays["joints"].shape[1]
     binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
     binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
     joints, weights = (np.ascontiguousarray(arrays[name].ravel()) for name in ("joints", "weights"))
     binding.CreateJointIndicesPrimvar(False, width).Set(Vt.IntArray.FromNumpy(joints))
     binding.CreateJointWeightsPrimvar(False, width).Set(Vt.FloatArray.FromNumpy(weights))
+
+
+def add_surface(
+    stage: Any, root: Any, name: str, order: dict[str, Any], arrays: dict[str, np.ndarray], assets: Assets
+) -> Any:
+    """A mesh below `root`: points, faces, texture coordinates, and materials in a scope beside it."""
+    from pxr import Sdf, UsdGeom, UsdShade, Vt
+
+    mesh = UsdGeom.Mesh.Define(stage, root.GetPath().AppendChild(name))
+    points, faces = arrays["points"], arrays["faces"]
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(faces.ravel())))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
+    mesh.CreateDoubleSidedAttr(any(material["double_sided"] for material in order["materials"]))
+    if "uvs" in arrays:
+        kind = Sdf.ValueTypeNames.TexCoord2fArray
+        uvs = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex)
+        uvs.Set(Vt.Vec2fArray.FromNumpy(arrays["uvs"]))
     scope = UsdGeom.Scope.Define(stage, root.GetPath().AppendChild("Materials"))
     used = np.unique(arrays["face_materials"]).tolist()
     for number in used:
@@ -70,6 +80,7 @@ def _add_mesh(
             api = UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
             shown = api.CreateMaterialBindSubset(look.GetPrim().GetName(), Vt.IntArray.FromNumpy(own)).GetPrim()
         UsdShade.MaterialBindingAPI.Apply(shown).Bind(look)
+    return mesh
 
 
 def _add_material(

@@ -19,7 +19,7 @@ def bindings_of(prims: list[Any], skeletons: set[Any], notes: list[str]) -> dict
     found: dict[Any, list[Any]] = {}
     free = 0
     for prim in prims:
-        if not _shown(prim):
+        if not is_shown(prim):
             continue
         targets = _inherited_targets(prim, "skel:skeleton")
         if targets and targets[0] in skeletons and _primvar(prim, "skel:jointIndices"):
@@ -31,7 +31,8 @@ def bindings_of(prims: list[Any], skeletons: set[Any], notes: list[str]) -> dict
     return found
 
 
-def _shown(prim: Any) -> bool:
+def is_shown(prim: Any) -> bool:
+    """Whether a prim is a mesh that is seen, at first."""
     from pxr import Usd, UsdGeom
 
     if not prim.IsA(UsdGeom.Mesh):
@@ -81,13 +82,15 @@ def skinned_meshes(glb: Glb, bones: Any, prims: list[Any], looks: Looks, notes: 
         _note_left_out(prim, notes)
 
 
-def add_still_mesh(glb: Glb, prim: Any, looks: Looks) -> None:
-    """A mesh of a stage without skeleton, where it stands in the world; other prims are passed over."""
-    if not _shown(prim):
-        return
-    _, triangles, materials, attributes = _geometry(glb, prim, looks)
-    if len(triangles):
-        _add_node(glb, 0, prim, decomposed(placement(prim)), _primitives(glb, attributes, triangles, materials), None)
+def add_still_mesh(glb: Glb, prim: Any, looks: Looks) -> np.ndarray | None:
+    """A mesh of a stage without skeleton, where it stands in the world; its points, None for what has no surface to show."""
+    if not is_shown(prim):
+        return None
+    points, triangles, materials, attributes = _geometry(glb, prim, looks)
+    if not len(triangles):
+        return None
+    _add_node(glb, 0, prim, decomposed(placement(prim)), _primitives(glb, attributes, triangles, materials), None)
+    return points
 
 
 def _add_node(glb: Glb, above: int, prim: Any, place: dict, primitives: list[dict], skin: int | None) -> None:

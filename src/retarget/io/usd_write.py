@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from retarget.body.kinematics import joint_transforms, local_positions, rest_pose
 from retarget.body.rotations import continuous, normalise, to_matrix
-from retarget.character import Character, Material, Motion, Skeleton
+from retarget.character import Character, Material, Mesh, Motion, Skeleton
 from retarget.errors import FileError, RetargetError
 from retarget.io.child import ChildError, ChildFailed, run_child
 from retarget.io.gltf_build import bound_surface, smooth_normals
@@ -65,7 +65,7 @@ def save(
         if not len(motion):
             raise RetargetError(f"the motion {motion.name!r} has no frames to write")
     folder = str(path.parent.absolute())
-    order: dict[str, Any] = {"suffix": path.suffix.lower(), "stem": _identifier(path.stem), "folder": folder}
+    order: dict[str, Any] = {"suffix": path.suffix.lower(), "stem": identifier(path.stem), "folder": folder}
     arrays: dict[str, Array] = {}
     origin = character.origin if isinstance(character.origin, UsdOrigin) and not animation_only else None
     if origin is not None:
@@ -77,7 +77,7 @@ def save(
         order |= _new_stage(character, arrays, animation_only)
         clips = [_own_values(motion) for motion in motions]
     order["clips"] = [
-        {"name": motion.name or "motion", "prim": _identifier(motion.name or "motion"), "fps": motion.fps}
+        {"name": motion.name or "motion", "prim": identifier(motion.name or "motion"), "fps": motion.fps}
         | ({} if motion.made_from is None else {"made_from": provenance_record(motion.made_from)})
         for motion in motions
     ]
@@ -85,10 +85,11 @@ def save(
         arrays[f"translations_{number}"] = translations.astype(np.float32)
         arrays[f"rotations_{number}"] = continuous(normalise(rotations)).astype(np.float32)
         arrays[f"scales_{number}"] = scales.astype(np.float16)
-    _run(path, order, arrays)
+    run_write(path, order, arrays)
 
 
-def _run(path: Path, order: dict[str, Any], arrays: dict[str, Array]) -> None:
+def run_write(path: Path, order: dict[str, Any], arrays: dict[str, Array]) -> None:
+    """Have the child make the file. Raises `FileError` where it cannot."""
     with tempfile.TemporaryDirectory(prefix="retarget-") as folder:
         output = Path(folder) / "finished"
         (Path(folder) / "order.json").write_text(json.dumps(order))
@@ -168,7 +169,7 @@ def _new_stage(character: Character, arrays: dict[str, Array], animation_only: b
     T_world_rest = joint_transforms(*rest_pose(skeleton))
     rest = joint_transforms(skeleton.rest_rotations, skeleton.offsets)
     binds = T_world_rest
-    told: dict[str, Any] = {"name": _identifier(character.name or "character"), "tokens": _tokens(skeleton)}
+    told: dict[str, Any] = {"name": identifier(character.name or "character"), "tokens": _tokens(skeleton)}
     told["names"] = skeleton.names
     mesh = None if animation_only else character.mesh
     if mesh is not None:
@@ -177,25 +178,29 @@ def _new_stage(character: Character, arrays: dict[str, Array], animation_only: b
         vertices, inverse_binds, joints, weights = bound_surface(mesh, character.skin, T_world_rest)
         binds = np.linalg.inv(inverse_binds)
         joints, weights = merge_influences(joints, weights)
-        arrays |= {"points": vertices.astype(np.float32), "faces": mesh.faces.astype(np.int32)}
+        told["materials"] = surface_arrays(mesh, vertices, arrays)
         arrays |= {"normals": smooth_normals(vertices, mesh.faces).astype(np.float32)}
         arrays |= {"joints": joints.astype(np.int32), "weights": weights.astype(np.float32)}
-        arrays["face_materials"] = (
-            np.zeros(len(mesh.faces), np.int32) if mesh.face_materials is None else mesh.face_materials.astype(np.int32)
-        )
-        if mesh.uvs is not None:
-            arrays["uvs"] = (mesh.uvs * [1, -1] + [0, 1]).astype(np.float32)  # USD has the origin bottom left
-        materials = mesh.materials or (Material(),)
-        told["materials"] = [_material(material, number, arrays) for number, material in enumerate(materials)]
     arrays |= {"rest": np.swapaxes(rest, 1, 2), "bind": np.swapaxes(binds, 1, 2)}
     return told
+
+
+def surface_arrays(mesh: Mesh, vertices: Float[Array, "vertices 3"], arrays: dict[str, Array]) -> list[dict[str, Any]]:
+    """What a stage says of a mesh's materials; places, faces, colours and pictures go into `arrays`."""
+    arrays |= {"points": vertices.astype(np.float32), "faces": mesh.faces.astype(np.int32)}
+    arrays["face_materials"] = (
+        np.zeros(len(mesh.faces), np.int32) if mesh.face_materials is None else mesh.face_materials.astype(np.int32)
+    )
+    if mesh.uvs is not None:
+        arrays["uvs"] = (mesh.uvs * [1, -1] + [0, 1]).astype(np.float32)  # USD has the origin bottom left
+    return [_material(material, number, arrays) for number, material in enumerate(mesh.materials or (Material(),))]
 
 
 def _material(material: Material, number: int, arrays: dict[str, Array]) -> dict[str, Any]:
     if material.image is not None:
         arrays[f"picture_{number}"] = np.frombuffer(material.image, np.uint8)
     color = [float(part) for part in material.base_color]
-    name = _identifier(material.name or f"material_{number}")
+    name = identifier(material.name or f"material_{number}")
     return {"name": name, "color": color, "double_sided": material.double_sided}
 
 
@@ -204,15 +209,15 @@ def _tokens(skeleton: Skeleton) -> list[str]:
     taken: set[str] = set()
     paths: list[str] = []
     for name, parent in zip(skeleton.names, skeleton.parents.tolist()):
-        free, number = _identifier(name), 2
+        free, number = identifier(name), 2
         while free.lower() in taken:
-            free, number = f"{_identifier(name)}_{number}", number + 1
+            free, number = f"{identifier(name)}_{number}", number + 1
         taken.add(free.lower())
         paths.append(free if parent < 0 else f"{paths[parent]}/{free}")
     return paths
 
 
-def _identifier(name: str) -> str:
+def identifier(name: str) -> str:
     """A name that USD takes for a prim: letters, digits and underscores, the first no digit."""
     plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
     return plain if plain and not plain[0].isdigit() else f"_{plain}"

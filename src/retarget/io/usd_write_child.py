@@ -12,6 +12,7 @@ from retarget.io.child import Refused
 from retarget.io.glb import PROVENANCE_KEY
 from retarget.io.usd_assets import Assets, write_package
 from retarget.io.usd_layers import check_layers, in_plain_words
+from retarget.io.usd_points import make_sequence
 from retarget.io.usd_stage import make_stage
 from retarget.io.usd_transforms import placement
 
@@ -28,10 +29,13 @@ def write(folder: str, output: str) -> dict[str, Any]:
         arrays = {name: stored[name] for name in stored.files}
     packed = order["suffix"] == ".usdz"
     assets = Assets(packed, order["folder"])
-    stage = _kept(order, assets) if "source" in order else make_stage(order, arrays, assets)
-    skeleton = _skeleton(stage, order["skeleton"])
-    add_clips(stage, skeleton, order, arrays)
-    _extend(stage, skeleton, order["clips"])
+    if "frames" in arrays:
+        stage = make_sequence(order, arrays, assets)
+    else:
+        stage = _kept(order, assets) if "source" in order else make_stage(order, arrays, assets)
+        skeleton = _skeleton(stage, order["skeleton"])
+        add_clips(stage, skeleton, order, arrays)
+        _extend(stage, skeleton, order["clips"])
     layer = stage.GetRootLayer()
     kind = "usda" if order["suffix"] == ".usda" else "usdc"
     place = os.path.join(folder, f"{order['stem']}.{kind}")
