@@ -59,7 +59,7 @@ def test_the_viewer_shows_and_moves_the_bodies_and_hears_keys():
         assert different(early[:, :420], late[:, :420]) > 200, "the arm moved"
         key(page, "Home", 36)
         key(page, "ArrowRight", 39)
-            end = time.monotonic() + 10
+        end = time.monotonic() + 10
         while abs(viewer.clock.time - 1 / 30) > 1e-6:
             assert time.monotonic() < end, viewer.clock
             time.sleep(0.1)
@@ -82,8 +82,9 @@ def test_the_viewer_shows_and_moves_the_bodies_and_hears_keys():
 @needs_browser
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc").exists(), reason="processor time by process")
-def test_a_frame_costs_the_page_less_than_a_25th_of_a_second():
-    """Of a 7,000-vertex character: decoding, posing and telling the card, in processor time, without the drawing itself."""
+def test_a_frame_costs_the_page_few_milliseconds():
+    """Of a 7,000-vertex character: decoding, posing and telling the card, in processor time, without the drawing
+    itself: 7 ms where it was measured, and 40 would still be 25 frames a second."""
     shown = belly("heavy")
     with viewing([shown]) as viewer, browser(420, 200) as page:
         viewer.panel.boxes["shadows"].value = False
@@ -98,5 +99,5 @@ def test_a_frame_costs_the_page_less_than_a_25th_of_a_second():
         cost = {kind: 1000 * (after[kind] - before[kind]) / applied for kind in before}
         print(f"{applied / seconds:.1f} frames a second; ms of processor a frame: {cost}")
         assert applied / seconds > 4, "it plays, whoever else uses the machine"
-        assert 0 < cost["renderer"] < 40
+        assert 0 < cost["renderer"] < 25
         assert page.troubles == []
