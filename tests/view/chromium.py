@@ -94,8 +94,19 @@ def processor_seconds(page):
     for status in Path("/proc").glob("[0-9]*/stat"):
         try:
             words = status.read_text().rpartition(")")[2].split()
-            kind = (status.parent / "cmdline").read_bytes().decode().replace("\0", " ").partition("--type=")[2].split(" ")[0]
-            told[int(status.parent.name)] = int(words[1]), kind, (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+            kind = (
+                (status.parent / "cmdline")
+                .read_bytes()
+                .decode()
+                .replace("\0", " ")
+                .partition("--type=")[2]
+                .split(" ")[0]
+            )
+            told[int(status.parent.name)] = (
+                int(words[1]),
+                kind,
+                (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK"),
+            )
         except OSError:  # it ended meanwhile
             continue
     ours, grown = {page.process}, True

@@ -142,7 +142,9 @@ def test_each_frame_sends_the_joints_where_they_are():
             for joint, turn in turns.items():
                 assert np.allclose(turn, shown.take.rotations[frame, joint][[3, 0, 1, 2]], atol=1e-6)
             moved = np.abs(shown.take.positions[frame] - shown.take.positions[frame - 10]).max(axis=1) > 1e-4
-            used = np.unique(shown.character.skin.joints[shown.character.skin.columns[shown.character.skin.weights > 0]])
+            used = np.unique(
+                shown.character.skin.joints[shown.character.skin.columns[shown.character.skin.weights > 0]]
+            )
             assert set(np.flatnonzero(moved)) & set(used) <= set(places), "what moved and moves the skin is sent"
 
 
@@ -229,7 +231,9 @@ def test_patches_keep_their_node_and_show_what_is_marked():
                 assert len(patch.faces) == 0 or handle.visible
                 if handle is not None and len(patch.faces):
                     corners = handle.vertices[handle.faces]
-                    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+                    area = np.linalg.norm(
+                        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+                    )
                     assert np.allclose(corners[: len(patch.faces)], patch.vertices[patch.faces], atol=1e-6)
                     assert (area[len(patch.faces) :] == 0).all()
                     found.add(id(handle))
@@ -268,7 +272,10 @@ def test_laid_over_each_other_the_result_is_glass_and_names_stand_apart(still):
     assert still.shown[0]._skin.opacity == 0.5 and still.shown[1]._skin.opacity is None
     tops = [shown._label.position[1] / shown.body.take.actor.height for shown in still.shown[:2]]
     assert tops[1] - tops[0] > 0.05
-    assert np.ptp(still._moves[:, [0, 2]] + [shown.body.take.joints(["hips"])[0, 0][[0, 2]] for shown in still.shown]) < 1e-9
+    assert (
+        np.ptp(still._moves[:, [0, 2]] + [shown.body.take.joints(["hips"])[0, 0][[0, 2]] for shown in still.shown])
+        < 1e-9
+    )
 
 
 def test_a_body_that_is_switched_off_is_hidden_and_not_moved(still):
@@ -281,7 +288,9 @@ def test_a_body_that_is_switched_off_is_hidden_and_not_moved(still):
 
 
 def test_keys_and_buttons_wait_until_the_player_looks(still):
-    acts = {command._impl.props.hotkey: command._impl for command in still.server.gui._command_handle_from_uuid.values()}
+    acts = {
+        command._impl.props.hotkey: command._impl for command in still.server.gui._command_handle_from_uuid.values()
+    }
     assert set(acts) == {"space", "arrowright", "arrowleft", "home"}
 
     def press(key):

@@ -72,7 +72,11 @@ class Viewer:
         scene.configure_default_lights(False)  # they come from above and behind
         scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(196, 190, 184), intensity=1.7)
         self._key = scene.add_light_directional(
-            "/light/key", color=(255, 248, 238), intensity=3.2, cast_shadow=True, position=forward - 0.6 * right + _up(1.3)
+            "/light/key",
+            color=(255, 248, 238),
+            intensity=3.2,
+            cast_shadow=True,
+            position=forward - 0.6 * right + _up(1.3),
         )
         scene.add_light_directional(
             "/light/rim", color=(225, 236, 255), intensity=1.2, position=right - forward + _up(0.6)
