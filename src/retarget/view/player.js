@@ -18,7 +18,7 @@ const state = {
 };
 
 // --- the graphics card ------------------------------------------------------------------------------------------
-const gl = canvas.getContext("webgl2", {antialias: true, stencil: true, preserveDrawingBuffer: true});
+const gl = canvas.getContext("webgl2", {alpha: false, antialias: true, stencil: true, preserveDrawingBuffer: true});
 if (!gl) {
   byId("no-webgl").hidden = false;
   canvas.hidden = true;
@@ -49,7 +49,7 @@ uniform vec3 eye, light, flat_color; uniform bool shadow, flat_shaded; uniform f
 out vec4 shown;
 vec3 linear(vec3 c) { return pow(c, vec3(2.2)); }
 void main() {
-  if (shadow) { shown = vec4(0.05, 0.06, 0.09, 0.30); return; }
+  if (shadow) { shown = vec4(0.05, 0.06, 0.09, 0.18); return; }
   if (flat_shaded) {
     vec2 off = gl_PointCoord - 0.5;
     if (dot(off, off) > 0.25) discard;
