@@ -310,7 +310,8 @@ def _telling(tell: Tell, who: str) -> Tell:
 def view_files(showing: Showing, port: int | None = None, open_browser: bool = True, progress: bool = False) -> None:
     """Show bodies in a browser until Ctrl-C. Raises `RetargetError` for input that cannot be used, without viser, and for
     a port that is taken."""
-    from retarget.view.viewer import Viewer, require_viser
+    from retarget.view.live_server import require_viser
+    from retarget.view.viewer import Viewer
 
     require_viser()  # said before minutes of reading
     with progress_line(progress) as tell:

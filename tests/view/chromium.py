@@ -28,8 +28,10 @@ HARMLESS = ("GPU stall due to ReadPixels", "favicon")
 class Page:
     """One open page."""
 
-    def __init__(self, socket):
+    def __init__(self, socket, process):
         self._socket, self._numbers = socket, itertools.count(1)
+        self.process = process
+        """The number of the browser's first process."""
         self.troubles: list[str] = []
         """Errors and exceptions on the console."""
         self.requests: list[str] = []
@@ -86,6 +88,39 @@ class Page:
         return np.asarray(Image.open(io.BytesIO(self.png())).convert("RGB"))
 
 
+def processor_seconds(page):
+    """What the page's own process and the one that draws took since they began, by Linux's books."""
+    told = {}
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            words = status.read_text().rpartition(")")[2].split()
+            kind = (
+                (status.parent / "cmdline")
+                .read_bytes()
+                .decode()
+                .replace("\0", " ")
+                .partition("--type=")[2]
+                .split(" ")[0]
+            )
+            told[int(status.parent.name)] = (
+                int(words[1]),
+                kind,
+                (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK"),
+            )
+        except OSError:  # it ended meanwhile
+            continue
+    ours, grown = {page.process}, True
+    while grown:
+        more = {number for number, (parent, *_) in told.items() if parent in ours} - ours
+        ours, grown = ours | more, bool(more)
+    took = {"renderer": 0.0, "gpu-process": 0.0}
+    for number in ours & set(told):
+        _, kind, seconds = told[number]
+        if kind in took:
+            took[kind] += seconds
+    return took
+
+
 @contextmanager
 def browser(width=1280, height=900):
     """A page of a Chromium that is gone when the block ends."""
@@ -106,7 +141,7 @@ def browser(width=1280, height=900):
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=10) as answer:
                 pages = [each for each in json.load(answer) if each["type"] == "page"]
             with connect(pages[0]["webSocketDebuggerUrl"], max_size=None) as socket:
-                page = Page(socket)
+                page = Page(socket, running.pid)
                 page.call(
                     "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
                 )

@@ -3,7 +3,7 @@
 import numpy as np
 from made_bodies import ball
 
-from retarget.view.patches import LIFT, Clock, part_surfaces, patches
+from retarget.view.patches import LIFT, Clock, padded, part_surfaces, patches
 
 VERTICES, FACES = ball()
 NONE = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.uint8)
@@ -30,6 +30,17 @@ def test_the_deeper_code_has_a_face_that_both_mark():
     shared = ((FACES == a).any(axis=1) & (FACES == b).any(axis=1)).sum()
     assert len(found["deep"].faces) == (FACES == b).any(axis=1).sum()
     assert len(found["touch"].faces) == (FACES == a).any(axis=1).sum() - shared
+
+
+def test_a_padded_patch_is_the_patch_and_keeps_its_size_while_it_fits():
+    patch = patches(VERTICES, FACES, np.arange(40, 90), np.full(50, 1, dtype=np.uint8))["touch"]
+    vertices, faces = padded(patch, 0, 0)
+    assert np.array_equal(faces[: len(patch.faces)], patch.faces) and not faces[len(patch.faces) :].any()
+    assert np.allclose(vertices[: len(patch.vertices)], patch.vertices)
+    assert (vertices[len(patch.vertices) :] == vertices[0]).all() and len(vertices) < 1.2 * len(patch.vertices)
+    room = len(vertices) + 7, len(faces) + 7
+    assert tuple(map(len, padded(patch, *room))) == room, "what fits stays"
+    assert tuple(map(len, padded(patch, 5000, 5000))) == (len(vertices), len(faces)), "far too large is given up"
 
 
 def test_the_skin_by_parts_is_the_whole_skin():

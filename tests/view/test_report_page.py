@@ -67,7 +67,13 @@ def test_the_scene_holds_spots_parts_and_both_layouts():
     assert np.array_equal(unpack(body["starts"], -1), shown.spots.starts)
     assert np.array_equal(unpack(body["spot_vertex"], -1), shown.spots.vertex)
     assert np.array_equal(unpack(body["faces"], -1, 3), shown.character.mesh.faces)
-    assert len(body["moves"]) == 2 and body["moves"][0] != body["moves"][1]
+    assert len(body["moves"]) == 4 and body["moves"][0] != body["moves"][1]
+    heights = [each["height"] * each["size"] for each in scene["bodies"]]
+    assert (
+        body["size"] == 1
+        and np.isclose(*heights, rtol=1e-3)
+        and scene["bodies"][0]["height"] != scene["bodies"][1]["height"]
+    )
     assert unpack(body["part_colors"], -1, 3).shape == shown.normals.shape
 
 

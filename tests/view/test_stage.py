@@ -68,14 +68,20 @@ def test_a_surface_without_limbs_is_shown_with_a_note(monkeypatch):
     shown = stage.stage_body("it", belly_take())
     assert len(shown.spots.vertex) == 0 and shown.sensors is None and (shown.parts == -1).all()
     assert len(shown.notes) == 1 and "no part of the surface is body" in shown.notes[0]
-    assert shown.sensor_places().shape == (shown.frames, 0, 3)
+    assert shown.sensor_places(shown.vertices(slice(0, 1))[0], 0.0).shape == (0, 3)
 
 
-def test_sensors_lie_on_the_posed_skin():
+def test_sensors_lie_on_the_posed_skin_or_above_it():
     shown = belly()
-    places, vertices = shown.sensor_places()[5], shown.vertices(slice(5, 6))[0]
-    near = np.linalg.norm(places[:, None] - vertices[None], axis=-1).min(axis=1)
-    assert len(places) > 200 and near.max() < 0.03
+    vertices = shown.vertices(slice(5, 6))[0]
+    on, above = (shown.sensor_places(vertices, height) for height in (0.0, 0.01))
+    near = np.linalg.norm(on[:, None] - vertices[None], axis=-1).min(axis=1)
+    assert len(on) > 200 and near.max() < 0.03
+    assert np.allclose(np.linalg.norm(above - on, axis=1), 0.01)
+    rest = shown.character.mesh.vertices
+    on, above = (shown.sensor_places(rest, height) for height in (0.0, 0.01))
+    near = np.linalg.norm(on[:, None] - rest[None], axis=-1).argmin(axis=1)
+    assert (((above - on) * shown.normals[near]).sum(axis=1) > 0).mean() > 0.97, "outward"
 
 
 # --- bones ----------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from retarget.view.stage import StageBody, camera_path, drawn_bones, facing, layout, part_colors, strongest
+from retarget.view.stage import StageBody, camera_path, drawn_bones, facing, layout, part_colors, same_sizes, strongest
 
 Array = np.ndarray
 
@@ -24,14 +24,17 @@ KINDS = {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i
 
 def scene_json(bodies: Sequence[StageBody]) -> str:
     """What `player.js` plays; safe inside a script element. Bodies are of one frame rate and length, the result first."""
-    moves = [layout(bodies, overlaid) for overlaid in (False, True)]
+    sizes = same_sizes(bodies)
+    moves = [
+        layout(bodies, overlaid, each) for each in (None, sizes) for overlaid in (False, True)
+    ]  # as page.html lists
     forward = facing(bodies[0])
     scene = {
         "fps": bodies[0].take.fps,
         "frames": bodies[0].frames,
         "yaw": round(math.atan2(forward[0], forward[2]) - math.radians(20), 5),
         "bodies": [
-            _body(body, [each[number] for each in moves], CLAY[number % len(CLAY)])
+            _body(body, [each[number] for each in moves], CLAY[number % len(CLAY)]) | {"size": round(sizes[number], 5)}
             for number, body in enumerate(bodies)
         ],
     }

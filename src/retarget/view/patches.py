@@ -6,16 +6,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int, UInt8, UInt32
 
 from retarget.body.rotations import unit
 
 Array = np.ndarray
 
 KINDS: tuple[tuple[str, tuple[int, int, int], int, int], ...] = (
-    ("touch", (20, 110, 230), 1, 2),
-    ("shallow", (255, 168, 0), 2, 11),
-    ("deep", (204, 13, 26), 11, 256),
+    ("touch", (64, 156, 255), 1, 2),
+    ("shallow", (255, 176, 32), 2, 11),
+    ("deep", (222, 30, 44), 11, 256),
 )
 """Name, sRGB, and the range of codes (`stage.Spots`): touching, less than a centimetre inside, deeper."""
 LIFT = 0.0015
@@ -44,6 +44,22 @@ def patches(
     chosen = np.flatnonzero(marked.any(axis=1))
     highest = marked[chosen].max(axis=1)
     return {name: _lifted(vertices, faces[chosen[(highest >= low) & (highest < high)]]) for name, _, low, high in KINDS}
+
+
+def padded(patch: Patch, vertices: int, faces: int) -> tuple[Float[Array, "vertices 3"], UInt32[Array, "faces 3"]]:
+    """The patch for buffers of so many vertices and faces, or of new sizes where these do not fit: filled up with its first
+    vertex and with faces that have no area."""
+    (vertices, faces) = (_room(*each) for each in ((len(patch.vertices), vertices), (len(patch.faces), faces)))
+    places = np.broadcast_to(patch.vertices[:1], (vertices, 3)).astype(np.float32)
+    places[: len(patch.vertices)] = patch.vertices
+    corners = np.zeros((faces, 3), dtype=np.uint32)
+    corners[: len(patch.faces)] = patch.faces
+    return places, corners
+
+
+def _room(needed: int, there: int) -> int:
+    """Buffers keep their size while what is needed fills a half of them; new ones have an eighth to spare."""
+    return there if needed <= there <= max(2 * needed, 64) else max(needed + needed // 8, 64)
 
 
 def part_surfaces(

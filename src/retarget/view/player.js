@@ -18,7 +18,7 @@ const state = {
 };
 
 // --- the graphics card ------------------------------------------------------------------------------------------
-const gl = canvas.getContext("webgl2", {antialias: true, stencil: true, preserveDrawingBuffer: true});
+const gl = canvas.getContext("webgl2", {alpha: false, antialias: true, stencil: true, preserveDrawingBuffer: true});
 if (!gl) {
   byId("no-webgl").hidden = false;
   canvas.hidden = true;
@@ -26,17 +26,18 @@ if (!gl) {
 const HEAD = "#version 300 es\nprecision highp float; precision highp int; precision highp sampler2D;\n";
 const SKIN_VERTEX = HEAD + `
 in vec3 place, normal, tint; in uvec4 boneA, boneB; in vec4 weightA, weightB; in float spot;
-uniform sampler2D bones; uniform mat4 camera; uniform vec3 move, light; uniform bool shadow; uniform float dot_size;
+uniform sampler2D bones; uniform mat4 camera; uniform vec3 move, light; uniform bool shadow; uniform float dot_size, size;
 out vec3 at, out_normal, color; out float touch, depth;
 void main() {
   vec4 x = vec4(0), y = vec4(0), z = vec4(0);
   for (int k = 0; k < 8; k++) {
     int b = int(k < 4 ? boneA[k] : boneB[k - 4]);
     float w = k < 4 ? weightA[k] : weightB[k - 4];
+    if (w == 0.0) break;  // strongest first
     x += w * texelFetch(bones, ivec2(0, b), 0); y += w * texelFetch(bones, ivec2(1, b), 0); z += w * texelFetch(bones, ivec2(2, b), 0);
   }
   vec4 p = vec4(place, 1), n = vec4(normal, 0);
-  at = vec3(dot(x, p), dot(y, p), dot(z, p)) + move;
+  at = size * vec3(dot(x, p), dot(y, p), dot(z, p)) + move;
   out_normal = vec3(dot(x, n), dot(y, n), dot(z, n));
   if (shadow) at = vec3(at.xz - light.xz / light.y * max(at.y, 0.0), 0.0).xzy;
   color = tint; touch = min(spot, 1.0); depth = max(spot - 1.0, 0.0);
@@ -48,7 +49,7 @@ uniform vec3 eye, light, flat_color; uniform bool shadow, flat_shaded; uniform f
 out vec4 shown;
 vec3 linear(vec3 c) { return pow(c, vec3(2.2)); }
 void main() {
-  if (shadow) { shown = vec4(0.05, 0.06, 0.09, 0.30); return; }
+  if (shadow) { shown = vec4(0.05, 0.06, 0.09, 0.18); return; }
   if (flat_shaded) {
     vec2 off = gl_PointCoord - 0.5;
     if (dot(off, off) > 0.25) discard;
@@ -76,11 +77,16 @@ void main() {
 const BONE_FRAGMENT = HEAD + `uniform vec4 tone; out vec4 shown; void main() { shown = tone; }`;
 const GROUND_VERTEX = HEAD + `uniform mat4 camera; uniform vec3 middle; out vec2 at;
 void main() { vec2 c = vec2(gl_VertexID % 2, gl_VertexID / 2) * 2.0 - 1.0; at = middle.xz + c * 14.0; gl_Position = camera * vec4(at.x, 0.0, at.y, 1); }`;
-const GROUND_FRAGMENT = HEAD + `in vec2 at; uniform vec3 middle, back; out vec4 shown;
+const GROUND_FRAGMENT = HEAD + `in vec2 at; uniform vec3 middle, back, floor_tone, line_tone; out vec4 shown;
 float lines(float step) { vec2 p = at / step, w = max(fwidth(p), 1e-4), d = abs(fract(p - 0.5) - 0.5) / w; return (1.0 - min(min(d.x, d.y), 1.0)) * clamp(0.35 / max(w.x, w.y), 0.0, 1.0); }
 void main() { float fade = 1.0 - smoothstep(2.0, 11.0, distance(at, middle.xz));
-  vec3 floor_color = mix(back, vec3(0.885, 0.89, 0.90), fade); shown = vec4(mix(floor_color, vec3(0.62, 0.64, 0.68), fade * (0.30 * lines(0.5) + 0.35 * lines(1.0))), 1); }`;
-const BACK = [0.945, 0.95, 0.957];
+  vec3 floor_color = mix(back, floor_tone, fade); shown = vec4(mix(floor_color, line_tone, fade * (0.30 * lines(0.5) + 0.35 * lines(1.0))), 1); }`;
+// sRGB of what is behind, of the floor and of its lines, by the reader's light or dark.
+const TONES = {
+  light: {back: [0.945, 0.95, 0.957], floor: [0.885, 0.89, 0.90], line: [0.62, 0.64, 0.68]},
+  dark: {back: [0.118, 0.129, 0.145], floor: [0.165, 0.178, 0.20], line: [0.33, 0.35, 0.39]},
+};
+const night = matchMedia("(prefers-color-scheme: dark)");
 
 const program = (vertex, fragment) => {
   const made = gl.createProgram();
@@ -202,11 +208,12 @@ const along = (body, time) => {
 // --- the camera -------------------------------------------------------------------------------------------------
 const FIELD = 0.5;
 const product = (a, b) => { const c = new Float32Array(16); for (let i = 0; i < 4; i++) for (let j = 0; j < 4; j++) for (let k = 0; k < 4; k++) c[j * 4 + i] += a[k * 4 + i] * b[j * 4 + k]; return c; };
+const sizeOf = (body) => state.layout > 1 ? body.given.size : 1;
 const look = () => {
   const chosen = bodies.filter((_, i) => state.shown[i]), seen = chosen.length ? chosen : bodies;
   const moves = seen.map((body) => body.given.moves[state.layout]);
-  const middle = [0, 1, 2].map((k) => moves.reduce((sum, move, i) => sum + move[k] + along(seen[i], state.follow ? state.time : 0)[k], 0) / seen.length + state.pan[k]);
-  const tall = Math.max(...seen.map((body) => body.given.height));
+  const middle = [0, 1, 2].map((k) => moves.reduce((sum, move, i) => sum + move[k] + sizeOf(seen[i]) * along(seen[i], state.follow ? state.time : 0)[k], 0) / seen.length + state.pan[k]);
+  const tall = Math.max(...seen.map((body) => sizeOf(body) * body.given.height));
   const wide = tall * 0.9 + Math.max(...moves.flatMap((a) => moves.map((b) => Math.hypot(a[0] - b[0], a[2] - b[2]))));
   const aspect = canvas.width / canvas.height, reach = Math.tan(FIELD / 2);
   const distance = state.zoom * Math.max(tall * 1.28 / 2 / reach, wide / 2 / reach / aspect);
@@ -224,14 +231,14 @@ const look = () => {
 const surface = (body, {camera, eye, light}, shadow, opacity) => {
   const u = skins.uniforms;
   gl.uniformMatrix4fv(u.camera, false, camera); gl.uniform3fv(u.eye, eye); gl.uniform3fv(u.light, light);
-  gl.uniform3fv(u.move, body.given.moves[state.layout]);
+  gl.uniform3fv(u.move, body.given.moves[state.layout]); gl.uniform1f(u.size, sizeOf(body));
   gl.uniform1i(u.shadow, shadow); gl.uniform1i(u.flat_shaded, false); gl.uniform1f(u.opacity, opacity); gl.uniform1f(u.spots, state.spots ? 1 : 0);
   gl.bindTexture(gl.TEXTURE_2D, body.texture);
   gl.bindVertexArray(body.skin.array);
   gl.drawElements(gl.TRIANGLES, body.corners, body.faceKind, 0);
 };
 const skeleton = (body, index, {camera}) => {
-  const move = body.given.moves[state.layout], world = body.world, at = (j, k) => world[j * 12 + 4 * k + 3] + move[k];
+  const move = body.given.moves[state.layout], world = body.world, size = sizeOf(body), at = (j, k) => size * world[j * 12 + 4 * k + 3] + move[k];
   body.bones.forEach(([a, b], i) => { for (let k = 0; k < 3; k++) { body.ends[i * 6 + k] = at(a, k); body.ends[i * 6 + 3 + k] = at(b, k); } });
   gl.useProgram(lines.made);
   gl.bindVertexArray(body.lineArray); gl.bindBuffer(gl.ARRAY_BUFFER, body.lineBuffer); gl.bufferSubData(gl.ARRAY_BUFFER, 0, body.ends);
@@ -242,7 +249,7 @@ const skeleton = (body, index, {camera}) => {
   }
 };
 const highlight = (body, joint, {camera, right, up, distance}) => {
-  const move = body.given.moves[state.layout], at = [0, 1, 2].map((k) => body.world[joint * 12 + 4 * k + 3] + move[k]), half = 0.008 * distance;
+  const move = body.given.moves[state.layout], at = [0, 1, 2].map((k) => sizeOf(body) * body.world[joint * 12 + 4 * k + 3] + move[k]), half = 0.008 * distance;
   body.ends.set([...at.map((v, k) => v - right[k] * half), ...at.map((v, k) => v + right[k] * half)]);
   gl.useProgram(lines.made); gl.bindVertexArray(body.lineArray); gl.bindBuffer(gl.ARRAY_BUFFER, body.lineBuffer);
   gl.bufferSubData(gl.ARRAY_BUFFER, 0, body.ends);
@@ -253,21 +260,23 @@ const highlight = (body, joint, {camera, right, up, distance}) => {
 const draw = () => {
   const scale = window.devicePixelRatio || 1, wide = Math.round(canvas.clientWidth * scale), high = Math.round(canvas.clientHeight * scale);
   if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
-  gl.viewport(0, 0, wide, high); gl.clearColor(...BACK, 1); gl.clearStencil(0); gl.depthMask(true);
+  const tones = night.matches ? TONES.dark : TONES.light;
+  gl.viewport(0, 0, wide, high); gl.clearColor(...tones.back, 1); gl.clearStencil(0); gl.depthMask(true);
   gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
   const eye = look(), shown = bodies.map((body, i) => [body, i]).filter(([, i]) => state.shown[i]);
   shown.forEach(([body]) => pose(body, state.time));
   gl.disable(gl.DEPTH_TEST); gl.enable(gl.BLEND); gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   gl.useProgram(ground.made); gl.bindVertexArray(null);
-  gl.uniformMatrix4fv(ground.uniforms.camera, false, eye.camera); gl.uniform3fv(ground.uniforms.middle, eye.middle); gl.uniform3fv(ground.uniforms.back, BACK);
+  gl.uniformMatrix4fv(ground.uniforms.camera, false, eye.camera); gl.uniform3fv(ground.uniforms.middle, eye.middle); gl.uniform3fv(ground.uniforms.back, tones.back);
+  gl.uniform3fv(ground.uniforms.floor_tone, tones.floor); gl.uniform3fv(ground.uniforms.line_tone, tones.line);
   gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
   gl.useProgram(skins.made);
   if (state.mesh) {
     gl.enable(gl.STENCIL_TEST); gl.stencilFunc(gl.EQUAL, 0, 255); gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
     if (state.pitch > 0) shown.forEach(([body]) => surface(body, eye, true, 1));
     gl.disable(gl.STENCIL_TEST); gl.enable(gl.DEPTH_TEST); gl.depthFunc(gl.LEQUAL);
-    for (const [body, i] of shown) {
-      const faint = state.layout === 1 && i > 0;
+    for (const [body, i] of [...shown].reverse()) {  // the result last: laid over its sources it is of glass
+      const faint = state.layout % 2 === 1 && i === 0 && shown.length > 1;
       if (faint) { gl.colorMask(false, false, false, false); surface(body, eye, false, 1); gl.colorMask(true, true, true, true); }
       surface(body, eye, false, faint ? 0.45 : 1);
     }
@@ -276,7 +285,7 @@ const draw = () => {
     const u = skins.uniforms;
     gl.uniform1i(u.shadow, false); gl.uniform1i(u.flat_shaded, true); gl.uniform3f(u.flat_color, 1, 1, 1); gl.uniform1f(u.dot_size, 7 * scale);
     for (const [body] of shown) if (body.sensors) {
-      gl.bindTexture(gl.TEXTURE_2D, body.texture); gl.uniform3fv(u.move, body.given.moves[state.layout]);
+      gl.bindTexture(gl.TEXTURE_2D, body.texture); gl.uniform3fv(u.move, body.given.moves[state.layout]); gl.uniform1f(u.size, sizeOf(body));
       gl.bindVertexArray(body.sensors.array); gl.drawArrays(gl.POINTS, 0, body.sensors.count);
     }
   }
@@ -345,6 +354,7 @@ canvas.onpointermove = (event) => {
 };
 canvas.addEventListener("wheel", (event) => { event.preventDefault(); change({zoom: Math.min(Math.max(state.zoom * Math.exp(event.deltaY * 0.001), 0.1), 10)}); }, {passive: false});
 canvas.ondblclick = () => change({yaw: page.yaw, pitch: 0.15, zoom: 1, pan: [0, 0, 0]});
+night.addEventListener("change", () => { state.dirty = true; });
 addEventListener("resize", () => { state.dirty = true; });
 const hash = () => {  // report.html#t=2.4 opens the clip still, at that second
   const found = /t=([\d.]+)/.exec(location.hash);
@@ -352,6 +362,6 @@ const hash = () => {  // report.html#t=2.4 opens the clip still, at that second
 };
 addEventListener("hashchange", hash);
 hash();
-window.stage = {state, change, seek, draw: () => { state.dirty = false; show(); if (gl) draw(); }, seconds};
+window.stage = {state, bodies, change, seek, draw: () => { state.dirty = false; show(); if (gl) draw(); }, seconds};
 requestAnimationFrame(tick);
 })();

@@ -16,7 +16,7 @@ from retarget.body.rotations import unit
 from retarget.body.skinning import prepare_skinning
 from retarget.character import Character, Mesh
 from retarget.contact.parts import PARTS
-from retarget.contact.sensors import Sensors, paper_layout, place_sensors, prepare_sensor_skinning
+from retarget.contact.sensors import Sensors, paper_layout, place_sensors
 from retarget.errors import RetargetError
 from retarget.evaluate.report_joints import grounds
 from retarget.evaluate.report_surface import CHUNK, OF_POSE, SurfaceTrack, surface_track
@@ -83,12 +83,13 @@ class StageBody:
         """Posed vertices, metres."""
         return prepare_skinning(self.character).vertices(self.take.rotations[frames], self.take.positions[frames])
 
-    def sensor_places(self) -> Float[Array, "frames sensors 3"]:
-        """Where the valid sensors are on every frame, metres; none for a body without."""
+    def sensor_places(self, posed: Float[Array, "vertices 3"], above: float) -> Float[Array, "sensors 3"]:
+        """Where the valid sensors are on the posed skin, so many metres above it; none for a body without."""
         if self.sensors is None:
-            return np.zeros((self.frames, 0, 3), dtype=np.float32)
-        skinner = prepare_sensor_skinning(self.sensors)
-        return skinner.pose(*self.take.pose)[0][:, self.sensors.valid]
+            return np.zeros((0, 3))
+        corners = posed[self.character.mesh.faces[self.sensors.faces[self.sensors.valid]]].astype(np.float64)
+        normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        return np.einsum("sc,sci->si", self.sensors.barycentrics[self.sensors.valid], corners) + above * normals
 
 
 def stage_body(label: str, take: Take, track: SurfaceTrack | None = None, tell: Tell = untold) -> StageBody:
@@ -198,16 +199,26 @@ def facing(body: StageBody) -> Float[Array, "3"]:
     return forward / length if length > 0.2 else np.array([0.0, 0.0, 1.0])
 
 
-def layout(bodies: Sequence[StageBody], overlaid: bool = False) -> Float[Array, "bodies 3"]:
-    """How far each body is moved: the first ends in the middle of the row or all in one place, starting there, with the
-    floor at height 0. Side by side they stand across the first one's facing, each further one to the left on the screen."""
+def same_sizes(bodies: Sequence[StageBody]) -> list[float]:
+    """By how much each body is to be enlarged to be as tall as the first."""
+    return [bodies[0].take.actor.height / body.take.actor.height for body in bodies]
+
+
+def layout(
+    bodies: Sequence[StageBody], overlaid: bool = False, sizes: Sequence[float] | None = None
+) -> Float[Array, "bodies 3"]:
+    """How far each body is moved, after it was enlarged by `sizes` (1 if not given): the first ends in the middle of the
+    row or all in one place, starting there, with the floor at height 0. Side by side they stand across the first one's
+    facing, each further one to the left on the screen."""
+    sizes = [1.0] * len(bodies) if sizes is None else sizes
     forward = facing(bodies[0])
     aside = np.cross([0.0, 1.0, 0.0], forward)  # the body's left, the screen's right
-    apart = APART * max(body.take.actor.height for body in bodies) + max(map(_reach, bodies))
+    apart = APART * max(size * body.take.actor.height for size, body in zip(sizes, bodies))
+    apart += max(size * _reach(body) for size, body in zip(sizes, bodies))
     moves = []
-    for number, body in enumerate(bodies):
+    for number, (size, body) in enumerate(zip(sizes, bodies)):
         start = body.take.joints(["hips"])[0, 0]
-        move = -np.array([start[0], body.floor, start[2]])
+        move = -size * np.array([start[0], body.floor, start[2]])
         moves.append(move if overlaid else move - aside * (number - (len(bodies) - 1) / 2) * apart)
     return np.stack(moves)
 
