@@ -11,7 +11,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from retarget import cli_files
+from retarget import cli_files, cli_rig
 from retarget.cli_options import (
     AnimationOnly,
     ContactsFile,
@@ -145,6 +145,7 @@ def run(
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
 
 
+app.command()(cli_rig.rig)
 app.command()(cli_files.batch)
 app.command()(cli_files.convert)
 

@@ -70,11 +70,11 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
         from retarget.contact.contact_file import read_contacts
 
         settings["contacts"] = read_contacts(order.contacts)
-    target = cast(order.target, target_hints)
-    if not one_file_each:
-        check_output(order.output, target.original, order.animation_only)
     done, waiting, performance, page = [], [], None, None
     with progress_line(progress, len(files)) as tell:
+        target = cast(order.target, target_hints, tell=lambda doing, _: tell(doing))
+        if not one_file_each:
+            check_output(order.output, target.original, order.animation_only)
         for file, output in zip(files, outputs):
             tell(f"reading {file.name}")
             asset = load(file, smpl_model=order.smpl_model if file.suffix.lower() == ".npz" else None)

@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from retarget.body.skinning import rest_vertices
-from retarget.character import Character, Motion, Provenance
+from retarget.character import Character, Mesh, Motion, PointCloud, Provenance
 from retarget.correspond.joints import REQUIRED_JOINTS, Humanoid, humanoid_from_names, match_humanoid
 from retarget.errors import FileError, MatchError, RetargetError, unknown_name
 from retarget.io import load
 from retarget.io.asset import Asset, Convention
 from retarget.methods import METHODS, Method, Result, Retargeter
 from retarget.motion.align import Actor, make_actor
+from retarget.progress import Tell, untold
 
 log = logging.getLogger("retarget")
 
@@ -42,26 +43,51 @@ def open_asset(subject: str | Path | Asset) -> Asset:
     return subject if isinstance(subject, Asset) else load(subject)
 
 
-def cast(subject: str | Path | Asset | Character, hints: Hints | None = None, motion: Motion | None = None) -> Actor:
-    """Match the joints of a character or skeleton and bring it into metres with +Y up.
+def cast(
+    subject: str | Path | Asset | Character | Mesh | PointCloud,
+    hints: Hints | None = None,
+    motion: Motion | None = None,
+    tell: Tell = untold,
+) -> Actor:
+    """Match the joints of a character or skeleton and bring it into metres with +Y up. A bare mesh or cloud of points gets
+    the embedded human's rig first (`rig.rigging.rig`).
 
     `motion`, in the file's own space, shows which way the body stands. Raises `MatchError` for a body that is no
-    humanoid and `FileError` for a file without skeleton.
+    humanoid, `FileError` for a file without body, and `RetargetError` where a bare mesh cannot be rigged with certainty.
     """
     hints = hints or Hints()
-    named = None
+    named, made = None, ()
     if isinstance(subject, Character):
         character, convention = subject, Convention(1.0, "+y")
     else:
-        asset = open_asset(subject)
-        if asset.character is None:
-            problem = f"holds a {asset.kind} without skeleton; a rigged character (glTF with a skin) or a BVH is needed"
-            raise FileError(asset.path, problem)
-        character, convention, named = asset.character, asset.convention, asset.humanoid
+        asset = None if isinstance(subject, (Mesh, PointCloud)) else open_asset(subject)
+        bare = subject if asset is None else asset.mesh or asset.points
+        if asset is not None and asset.character is not None:
+            character, convention, named = asset.character, asset.convention, asset.humanoid
+        elif bare is not None:
+            character, made = _rigged(bare, asset, hints, tell)
+            convention, hints = Convention(1.0, "+y"), replace(hints, up=None, unit=None)
+        else:
+            raise FileError(asset.path, f"holds a {asset.kind}; a character, a mesh or a skeleton is needed")
     humanoid, notes = _humanoid(character, hints.joints, named)
     surface = rest_vertices(character) if character.skin is not None else None
     actor = make_actor(character, humanoid, convention, motion, up=hints.up, unit=hints.unit, rest_surface=surface)
-    return replace(actor, notes=(*notes, *actor.notes))
+    return replace(actor, notes=(*made, *notes, *actor.notes))
+
+
+def _rigged(
+    bare: Mesh | PointCloud, asset: Asset | None, hints: Hints, tell: Tell
+) -> tuple[Character, tuple[str, ...]]:
+    """A bare body with the embedded human's rig, in metres with +Y up, and what was found of it."""
+    from retarget.rig.rigging import rig
+
+    unit = hints.unit or (asset.convention.metres_per_unit if asset is not None else None)
+    try:
+        found = rig(bare, unit=unit, tell=tell)
+    except RetargetError as error:
+        raise (error if asset is None else FileError(asset.path, str(error))) from None
+    name = found.character.name if asset is None else asset.path.stem
+    return replace(found.character, name=name), (f"rigged with confidence {found.confidence:.2f}", *found.notes)
 
 
 def _humanoid(
@@ -167,7 +193,7 @@ def _method_name(method: Method) -> str:
 
 def retarget(
     motion: str | Path | Asset | Motion,
-    target: str | Path | Asset | Character,
+    target: str | Path | Asset | Character | Mesh | PointCloud,
     *,
     source: str | Path | Asset | Character | None = None,
     clip: str | int | None = None,

@@ -19,8 +19,10 @@ SOFTNESS = 0.8
 """Voxels over which the border is smoothed."""
 
 
-def shell(points: Float[Array, "points 3"], thickness: int = 1, cells: int = CELLS) -> Surface:
-    """The closed surface around points that lie no farther apart than the thickness (in voxels) bridges.
+def shell(
+    points: Float[Array, "points 3"], thickness: int | Int[Array, "points"] = 1, cells: int = CELLS
+) -> Surface:
+    """The closed surface around points that lie no farther apart than the thickness (in voxels, of all or of each) bridges.
 
     May have several pieces where the points do. Vertices lie within about a voxel of the points.
     """
@@ -28,16 +30,22 @@ def shell(points: Float[Array, "points 3"], thickness: int = 1, cells: int = CEL
 
     low, extent = points.min(axis=0), np.ptp(points, axis=0)
     step = max(float(extent.max()) / cells, 1e-12)
-    pad = thickness + 4
+    thickness = np.broadcast_to(thickness, len(points))
+    pad = int(thickness.max()) + 4
     shape = np.ceil(extent / step).astype(int) + 2 * pad + 1
     origin = low - pad * step
-    filled = np.zeros(shape, dtype=bool)
-    filled[tuple(np.round((points - origin) / step).astype(int).T)] = True
-    solid = ndimage.binary_dilation(filled, iterations=thickness)
-    outside, _ = ndimage.label(~solid)
+    places = np.round((points - origin) / step).astype(int)
+    beyond, thick = np.full(shape, np.inf), np.zeros(shape)
+    for level in np.unique(thickness):
+        free = np.ones(shape, dtype=bool)
+        free[tuple(places[thickness == level].T)] = False
+        away = ndimage.distance_transform_edt(free) - level
+        thick[away < beyond] = level
+        np.minimum(beyond, away, out=beyond)
+    outside, _ = ndimage.label(beyond > 0)
     body = outside != outside[0, 0, 0]
     inwards, outwards = ndimage.distance_transform_edt(body), ndimage.distance_transform_edt(~body)
-    field = ndimage.gaussian_filter(outwards - inwards + thickness, SOFTNESS)
+    field = ndimage.gaussian_filter(outwards - inwards + thick, SOFTNESS)
     return _border(field, origin, step)
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import rest_pose
-from retarget.character import Character, Mesh, Skeleton, Skin
+from retarget.character import Character, Mesh, PointCloud, Skeleton, Skin
 from retarget.errors import RetargetError
 from retarget.geometry.closest import Places
 from retarget.geometry.resample import Surface, cleaned, decimate
@@ -30,7 +30,7 @@ from retarget.rig.rest import rest_from_pose
 from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_of
 from retarget.rig.template import SAMPLES, Template, human_template, intrinsic_body
 from retarget.rig.weights import places_on_template, rigid_pieces, sparse_weights
-from retarget.rig.working_surface import WorkingSurface, finite_surface, working_surfaces
+from retarget.rig.working_surface import WorkingSurface, finite_surface, surface_of_points, working_surfaces
 
 Array = np.ndarray
 
@@ -57,7 +57,7 @@ class Rigged:
     confidence: float
     """0 to 1: how well the body fits, and how much better than the other way round."""
     places: Places
-    """Where each vertex lies on the template."""
+    """Where each vertex of the character lies on the template."""
     joints: Float[Array, "joints 3"]
     """Joints of the template's model in the pose of the mesh, in its own space."""
     posed: Float[Array, "template 3"]
@@ -77,14 +77,14 @@ class _Fitted:
 
 
 def rig(
-    mesh: Mesh,
+    body: Mesh | PointCloud,
     template: Template | None = None,
     landmarks: Mapping[str, int | Float[Array, "3"]] | None = None,
     surface_map: Places | None = None,
     unit: float | None = None,
     tell: Tell = untold,
 ) -> Rigged:
-    """Give a mesh the template's skeleton, weights and rest pose.
+    """Give a mesh the template's skeleton, weights and rest pose. A cloud of points gets a closed surface first.
 
     `landmarks` name vertices or places of the mesh by the template's landmarks (`Template.landmarks`). `surface_map` is
     the place of each vertex on the template's mesh, where it is known. `unit` is metres in a unit of the mesh; without it
@@ -92,6 +92,7 @@ def rig(
     be worked on, that holds no body of the template's kind, or of which more must be known.
     """
     template = template or human_template()
+    mesh = _as_mesh(body, tell)
     surface = finite_surface(mesh.vertices, mesh.faces)
     known = None if surface_map is None else _known_places(template, surface, surface_map)
     found = _found(template, surface, Given.of(template, surface, landmarks or {}), tell, known)
@@ -118,6 +119,14 @@ def rig(
         metres,
         notes,
     )
+
+
+def _as_mesh(body: Mesh | PointCloud, tell: Tell) -> Mesh:
+    if isinstance(body, Mesh):
+        return body
+    tell("closing a surface around the points", 1)
+    found = surface_of_points(body.points)
+    return Mesh(found.vertices, found.faces)
 
 
 @dataclass(frozen=True, eq=False)

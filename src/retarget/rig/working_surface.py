@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from retarget.errors import RetargetError
 from retarget.geometry.resample import Surface, cleaned, decimate, largest_pieces, subdivide
@@ -21,8 +21,13 @@ FEWEST = 2_500
 MOST_FACES = 4_000_000
 WHOLE = 0.9
 """Share of the extent on every axis: a piece that reaches so far may be the body, and what else there is its clothes."""
-THICKEST = 4
-"""Voxels that gaps between pieces are closed by, at most."""
+FEWEST_POINTS, NEIGHBOURS = 300, 8
+WIDEST = 8
+"""Voxels between sparse points of a cloud that are bridged, at most."""
+COARSEST = 40
+"""Voxels along the longest side of a sparse cloud."""
+THICKEST, TIGHT = 5, 0.85
+"""Voxels that gaps are closed by, at most; and the share of a thicker shell's volume that one without leaks has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +67,44 @@ def _of_good_size(surface: Surface) -> Surface:
 def _shell_of(surface: Surface) -> Surface:
     """The shell around all pieces, as thin as makes one piece of nearly all of it."""
     step = float(np.ptp(surface.vertices, axis=0).max()) / CELLS
-    points = covering_points(surface, 0.7 * step)
-    best: Surface | None = None
-    for thickness in range(1, THICKEST + 1):
-        found = largest_pieces(shell(points, thickness))
-        best = found[0]
-        if len(best) > 0.98 * sum(len(each) for each in found):
+    return _thin_shell(covering_points(surface, 0.7 * step), CELLS)
+
+
+def _thin_shell(points: Float[Array, "points 3"], cells: int, gaps: int | Int[Array, "points"] = 0) -> Surface:
+    """The thinnest shell that is one piece but for crumbs and that a thicker one encloses no more with: then nothing leaks.
+
+    `gaps` are voxels that it is thicker by, at each point.
+    """
+    gaps = np.clip(gaps, 0, WIDEST)
+    thin = largest_pieces(shell(points, 1 + gaps, cells))
+    for thickness in range(2, THICKEST + 1):
+        thicker = largest_pieces(shell(points, thickness + gaps, cells))
+        whole = len(thin[0]) > 0.98 * sum(len(each) for each in thin)
+        inside, more = (abs(float(signed_volume(each[0].vertices, each[0].faces))) for each in (thin, thicker))
+        if whole and inside > TIGHT * more:
             break
-    return best
+        thin = thicker
+    return thin[0]
+
+
+def surface_of_points(points: Float[Array, "points 3"]) -> Surface:
+    """A closed surface around a cloud of points, as fine as the points allow, its vertices drawn to the nearest points.
+
+    Raises `RetargetError` for fewer than `FEWEST_POINTS`.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(points) < FEWEST_POINTS:
+        raise RetargetError(f"the cloud has {len(points)} points; at least {FEWEST_POINTS} are needed to see a body in it")
+    tree = cKDTree(points)
+    apart = tree.query(points, k=NEIGHBOURS)[0][:, -1]
+    extent = float(np.ptp(points, axis=0).max())
+    cells = int(np.clip(extent / max(float(np.median(apart)), 1e-12), COARSEST, CELLS))
+    found = _thin_shell(points, cells, np.ceil(apart / extent * cells).astype(int) - 1)
+    distance, near = tree.query(found.vertices, k=NEIGHBOURS)
+    weight = np.exp(-((distance / np.maximum(distance.mean(axis=1, keepdims=True), 1e-12)) ** 2))
+    drawn = np.einsum("vk,vkx->vx", weight / weight.sum(axis=1, keepdims=True), points[near])
+    return outward(Surface(drawn, found.faces))
 
 
 def outward(surface: Surface) -> Surface:
