@@ -28,13 +28,14 @@ from retarget.rig.fit_model import BodyState, FitModel, part_transforms, pose_bo
 from retarget.rig.registration import Registered, register
 from retarget.rig.rest import rest_from_pose
 from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_of
-from retarget.rig.template import SAMPLES, Template, human_template, intrinsic_body
+from retarget.rig.template import SAMPLES, Template, intrinsic_body
+from retarget.rig.templates import human_template
 from retarget.rig.weights import places_on_template, rigid_pieces, sparse_weights
 from retarget.rig.working_surface import WorkingSurface, finite_surface, surface_of_points, working_surfaces
 
 Array = np.ndarray
 
-LEAST_CONFIDENCE = 0.25
+LEAST_CONFIDENCE = 0.35
 """Below this no rig is delivered: landmarks are asked for."""
 FINE = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 8
 FINGERS = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 5
@@ -214,10 +215,8 @@ def _character(
     template: Template, fitted: _Fitted, mesh: Mesh, moved: Surface, places: Places, rest: Array, scale: float
 ) -> Character:
     """Skeleton and weights of the template on the mesh at rest, feet on y = 0, hips above the middle."""
-    skeleton, skin = template.character.skeleton, template.character.skin
-    dense = np.zeros((len(template.model.points), len(skeleton)))
-    np.add.at(dense, (np.arange(len(dense))[:, None], skin.joints[skin.columns]), skin.weights)
-    columns, weights = sparse_weights(rigid_pieces(moved, places.of(dense)))
+    skeleton = template.skeleton
+    columns, weights = sparse_weights(rigid_pieces(moved, places.of(template.weights)))
     joints = _all_joints(template, fitted)
     shift = np.array([joints[0, 0], rest[:, 1].min(), joints[0, 2]])
     joints, vertices = (joints - shift) * scale, (rest - shift) * scale
@@ -238,12 +237,12 @@ def _character(
 def _all_joints(template: Template, fitted: _Fitted) -> Float[Array, "joints 3"]:
     """Every joint of the template's character at rest: fitted ones from the shape, the others from the skin around them."""
     model = template.model
-    joints = np.empty((len(template.character.skeleton), 3))
+    joints = np.empty((len(template.skeleton), 3))
     joints[template.joints] = model.joints_of(fitted.state.shape)
     others = np.setdiff1d(np.arange(len(joints)), template.joints)
     if len(others):
         rest = rest_from_pose(model, fitted.state, model.weights, fitted.registered.vertices)
-        joints[others] = np.einsum("jk,jkx->jx", template.other_weights, rest[template.other_vertices])
+        joints[others] = np.einsum("jk,jkx->jx", template.other_shares, rest[template.other_vertices])
     return joints
 
 
