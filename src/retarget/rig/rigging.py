@@ -45,7 +45,7 @@ LAID_ON = 30_000
 """Vertices of the mesh that the template is laid onto; larger ones are decimated for that."""
 UNITS = {"m": (1.0, 0.0), "cm": (0.01, 0.0), "mm": (0.001, 0.0), "dm": (0.1, 0.6), "inch": (0.0254, 0.6)}
 """Metres, and how much better the height must fit (in its logarithm) for the rarer ones."""
-PLAUSIBLE, USUAL = (0.4, 3.0), 1.65
+PLAUSIBLE, USUAL = (0.4, 3.0), 1.7
 """Heights of bodies in metres by which a unit is told, and the likeliest."""
 
 
@@ -107,7 +107,8 @@ def rig(
     model = template.model
     places = places_on_template(moved, fitted.registered, template.faces, model.points)
     rest = rest_from_pose(model, fitted.state, rigid_pieces(moved, places.of(model.weights)), moved.vertices)
-    metres, note = _unit(rest, target, unit)
+    height = float(np.ptp(rest[:, 1])) / target.unit
+    metres, note = likely_unit(height) if unit is None else (unit, f"{height * unit:.2f} m tall")
     character = _character(template, fitted, mesh, moved, places, rest, metres / target.unit)
     notes = (note, *((f"{found.working.pieces} pieces, taken as one body",) if found.working.fused else ()), best.how)
     joints, _ = part_transforms(model, fitted.state)
@@ -197,18 +198,17 @@ def _with_fingers(state: BodyState, model: FitModel) -> BodyState:
     return BodyState(state.shape, turns, state.root)
 
 
-def _unit(rest: Float[Array, "vertices 3"], target: Target, given: float | None) -> tuple[float, str]:
-    """Metres in a unit of the mesh, and why."""
-    height = float(np.ptp(rest[:, 1])) / target.unit
-    if given is not None:
-        return given, f"height {height * given:.2f} m"
-    likely = [(abs(np.log(height * unit / USUAL)) + rare, name, unit) for name, (unit, rare) in UNITS.items()
-              if PLAUSIBLE[0] <= height * unit <= PLAUSIBLE[1]]  # fmt: skip
+def likely_unit(height: float) -> tuple[float, str]:
+    """Metres in a unit by which a body so many units tall is likely, and why."""
+    likely = [
+        (abs(np.log(height * unit / USUAL)) + rare, name, unit)
+        for name, (unit, rare) in UNITS.items()
+        if PLAUSIBLE[0] <= height * unit <= PLAUSIBLE[1]
+    ]
     if likely:
         _, name, unit = min(likely)
         return unit, f"unit {name}: the body is {height * unit:.2f} m tall"
-    unit = 1.7 / height
-    return unit, f"no unit makes a height of {height:.4g} plausible: scaled to 1.70 m"
+    return USUAL / height, f"no unit makes a height of {height:.4g} plausible: scaled to {USUAL:.2f} m"
 
 
 def _character(
