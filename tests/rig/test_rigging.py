@@ -78,8 +78,9 @@ def test_turned_moved_and_scaled_it_is_the_same():
     moved = replace(truth.mesh, vertices=rot.rotate(turn, truth.mesh.vertices) * 40 + [5.0, -3, 8])
     second = rig(moved, unit=first.unit / 40)
     away = np.linalg.norm(second.character.mesh.vertices - first.character.mesh.vertices, axis=1)
-    assert away.mean() < 0.005 and np.percentile(away, 99) < 0.03  # surfaces are decimated otherwise when turned
-    assert np.allclose(second.joints, rot.rotate(turn, first.joints) * 40 + [5.0, -3, 8], atol=0.4)
+    assert away.mean() < 0.005 and np.percentile(away, 90) < 0.01  # surfaces are decimated otherwise when turned
+    body = slice(len(MAIN))
+    assert np.allclose(second.joints[body], rot.rotate(turn, first.joints[body]) * 40 + [5.0, -3, 8], atol=0.4)
 
 
 def test_the_order_of_vertices_does_not_matter():
