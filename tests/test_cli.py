@@ -434,7 +434,7 @@ def bad_characters(made):
         document["nodes"][joints[3]].setdefault("children", []).append(joints[0])
 
     yield "cycle.glb", edited_glb(good, cycle), ""
-    yield "mesh.obj", (made / "bare.obj").read_text(), "skeleton"
+    yield "mesh.obj", (made / "bare.obj").read_text(), "a body needs a surface"
     yield "worm.bvh", WORM, "humanoid"
     yield "picture.png", b"\x89PNG\r\n", ".png"
 
@@ -546,7 +546,7 @@ def test_other_commands_refuse_in_one_line_too(made, tmp_path, command):
     refused(command, "no such file", "info", tmp_path / "none.bvh")
     refused(command, ".txt", "info", (tmp_path / "a.txt").write_text("") or tmp_path / "a.txt")
     refused(command, "no/map.toml", "map", made / "walk.bvh", made / "heavy.glb", "-o", tmp_path / "no" / "map.toml")
-    refused(command, "skeleton", "map", made / "bare.obj", made / "heavy.glb", "-o", tmp_path / "map.toml")
+    refused(command, "a body needs a surface", "map", made / "bare.obj", made / "heavy.glb", "-o", tmp_path / "map.toml")
     refused(command, ".png", "picture", made / "two.glb", "-o", tmp_path / "sheet.jpg")
     refused(command, "nope", "picture", made / "two.glb", "-o", tmp_path / "sheet.png", "--clip", "nope")
     refused(command, "skeletal", "bench", "skeletall")

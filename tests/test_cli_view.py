@@ -75,7 +75,7 @@ def test_the_viewer_prints_its_address_and_ends_on_interrupt(files):
         address = next(line for line in running.stdout if line.startswith("http"))
         assert address.startswith("http://127.0.0.1:") and "Ctrl-C" in address
         running.send_signal(signal.SIGINT)
-        out, err = running.communicate(timeout=20)
+        out, err = running.communicate(timeout=60)
         assert running.returncode == 0 and err == "" and out == ""
     finally:
         running.kill()

@@ -141,7 +141,7 @@ def test_a_map_may_leave_out_spine_neck_toes_and_fingers():
 
 def test_files_that_are_no_characters_say_so(tmp_path):
     (tmp_path / "bare.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    with pytest.raises(FileError, match="mesh without skeleton"):
+    with pytest.raises(FileError, match="a body needs a surface"):
         retarget(walk(), tmp_path / "bare.obj")
     with pytest.raises(FileError, match="no such file"):
         retarget(tmp_path / "none.bvh", body())

@@ -24,13 +24,13 @@ INFLUENCES = 4
 """Joints that move one vertex, at most: what engines take."""
 JUMP = 0.03 * HEIGHT
 """Metres that two neighbours' places may lie apart on the template beyond three times the edge: more is a leak."""
-LEAST_PATCH = 0.02
+LEAST_PATCH = 0.2
 """Share of a piece's vertices: smaller patches behind a leak are taken for the mistake."""
 SMALL_PIECE = 0.08 * HEIGHT
 """Extent of a piece that moves as one: eyes, teeth, buttons."""
 LEAST_AGREEMENT = 0.3
 """Mean cosine between a piece's normals and those beneath it, from which they count."""
-HELD = 0.3
+HELD = 1.0
 """Weight of the template's rest place beside the place itself, where a patch is placed again next to its neighbours."""
 
 
