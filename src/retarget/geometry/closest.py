@@ -14,6 +14,10 @@ CANDIDATES = 8
 """Faces tried for each point: those with the nearest centroids, and the faces around the nearest vertex."""
 
 
+CHUNK = 10_000
+"""Points searched at once, so that memory does not grow with them."""
+
+
 @dataclass(frozen=True, eq=False)
 class Places:
     """Points on a surface, each in one of its faces."""
@@ -25,6 +29,8 @@ class Places:
 
     def of(self, values: Float[Array, "vertices *columns"]) -> Float[Array, "points *columns"]:
         """A function of the vertices at the points."""
+        if values.ndim == 2 and values.shape[1] > 6:
+            return self.matrix(len(values)) @ values  # three times the result would not fit for many columns
         return np.einsum("pc,pc...->p...", self.weights, values[self.corners])
 
     def matrix(self, vertices: int) -> Any:
@@ -51,6 +57,12 @@ class SurfaceIndex:
         Exact where one of the `candidates` faces with the nearest centroids holds it, as on surfaces of even triangles;
         elsewhere off by no more than the size of a face.
         """
+        found = [self._closest(points[start : start + CHUNK], candidates) for start in range(0, len(points), CHUNK)]
+        if not found:
+            return Places(np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)))
+        return Places(np.concatenate([each.corners for each in found]), np.concatenate([each.weights for each in found]))
+
+    def _closest(self, points: Float[Array, "points d"], candidates: int) -> Places:
         _, near = self._centroids.query(points, k=min(candidates, len(self.faces)))
         near = near.reshape(len(points), -1)
         weights = barycentric_of_closest(points[:, None], *np.moveaxis(self.vertices[self.faces[near]], 2, 0))
