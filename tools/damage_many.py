@@ -136,6 +136,8 @@ def main() -> None:
     if asked.suffix in NATIVE:
         reader, module = NATIVE[asked.suffix]
         importlib.import_module(f"retarget.io.{module}")
+        for name in ("ufbx",) if asked.suffix == ".fbx" else ("Gf", "Sdf", "Usd", "UsdGeom", "UsdShade", "UsdSkel", "UsdUtils", "Vt"):
+            importlib.import_module(name if name == "ufbx" else f"pxr.{name}")
         importlib.import_module(f"retarget.io.{reader}").run_child = forked
     elif asked.suffix in (".glb", ".gltf"):
         importlib.import_module("retarget.io.gltf_draco").run_child = forked
