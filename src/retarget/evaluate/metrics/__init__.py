@@ -21,7 +21,14 @@ from retarget.evaluate.metrics.interaction import (
     part_penetration_percent,
     penetration_percent,
 )
-from retarget.evaluate.metrics.rig import joint_error_cm, weight_mse_x100
+from retarget.evaluate.metrics.rig import (
+    flipped_percent,
+    joint_error_cm,
+    map_error_percent,
+    registration_mm,
+    rest_vertex_error_cm,
+    weight_mse_x100,
+)
 from retarget.evaluate.metrics.skeletal import (
     MSE_DEFINITIONS,
     acc,
@@ -53,10 +60,12 @@ __all__ = [
     "end_effector_orientation_error_degrees",
     "end_effector_position_error_cm",
     "excess_penetration_percent",
+    "flipped_percent",
     "floor_error_cm",
     "foot_slide_cm",
     "jerk",
     "joint_error_cm",
+    "map_error_percent",
     "mdel",
     "mpjpe",
     "mpvd",
@@ -70,6 +79,8 @@ __all__ = [
     "penetration_percent",
     "position_error_cm",
     "procrustes",
+    "registration_mm",
+    "rest_vertex_error_cm",
     "volume_error_percent",
     "weight_mse_x100",
 ]
