@@ -148,7 +148,7 @@ def map_from_descriptors(
     template: SpectralBasis,
     target: SpectralBasis,
     template_descriptors: Float[Array, "template_vertices descriptors"],
-    target_descriptors: Float[Array, "target_vertices descriptors"],
+    target_descriptors: Float[Array, "target_vertices target_descriptors"],
     commutativity: float = 1e-3,
 ) -> Float[Array, "target_functions template_functions"]:
     """The map that takes descriptors to descriptors and commutes with the Laplacians: least |C A - B|^2 + commutativity
