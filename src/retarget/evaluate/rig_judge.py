@@ -163,9 +163,16 @@ def judge_rig(case: RigCase, truth: Truth, rigged: Rigged) -> dict[str, Any]:
         "registration_mm": float(metrics.registration_mm(rigged.posed, truth.posed, case.height).mean()),
         "registration_surface_mm": float(metrics.registration_mm(rigged.posed, near, case.height).mean()),
         "rest_vertex_error_cm": judge_rest(case, truth, rigged.character.mesh.vertices * to_metres),
+        "torn_percent": torn(case.mesh, rigged, case.height),
         "animated_mpvd_cm": animated_mpvd_cm(case, truth, rigged.character, to_metres),
         "unit_factor": to_metres,
     }
+
+
+def torn(mesh: Mesh, rigged: Rigged, height: float) -> float:
+    """`torn_percent` of a rigged mesh, whose height is given in its own unit."""
+    edges = np.unique(np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    return metrics.torn_percent(rigged.character.mesh.vertices / rigged.unit, mesh.vertices, edges, height)
 
 
 def animated_mpvd_cm(case: RigCase, truth: Truth, character: Character, to_metres: float) -> float:

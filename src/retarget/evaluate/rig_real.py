@@ -5,7 +5,7 @@ not exchanged. Makers place the same joint differently (KayKit's head joint sits
 are some per cent; spine joints differ even in number, so limbs, hips and head are told apart as well.
 
 A bare mesh has no truth. It counts as a success where a rig is delivered, template and mesh lie on each other
-(`LAID_ON`, `COVERED`), no knee is bent backwards, and, where the same mesh is at hand in other poses, its
+(`LAID_ON`, `COVERED`), nothing tears on the way to rest (`TORN`), no knee is bent backwards, and, where the same mesh is at hand in other poses, its
 vertices lie where those of the others do (`ALIKE`). That can be fooled: pictures are written for the eye.
 """
 
@@ -23,6 +23,7 @@ from retarget.body.skinning import rest_vertices
 from retarget.character import Mesh
 from retarget.errors import RetargetError
 from retarget.evaluate.cases import data_folder
+from retarget.evaluate.rig_judge import torn
 from retarget.geometry.closest import SurfaceIndex
 from retarget.io import load
 from retarget.retargeting import NEEDED, cast
@@ -40,6 +41,8 @@ MOST_SWAPPED = 0.25
 """Share of paired joints that may lie nearer to the other side's."""
 LAID_ON, COVERED = 2.0, 3.0
 """Per cent of the height: mean distance from the laid-on template to the mesh, and back."""
+TORN = 0.1
+"""Per cent of the edges that may tear (`metrics.torn_percent`)."""
 BACKWARDS = -0.05
 """Of a leg's length: how far a knee may lie behind the line from hip to ankle."""
 ALIKE = 5.0
@@ -99,11 +102,13 @@ def judge_real(body: RealBody, rigged: Rigged) -> dict[str, Any]:
     """What was found of a delivered rig; `success` by the rules above, but for the comparison between poses."""
     joints = dict(zip(human_template().names, rigged.joints))
     figures: dict[str, Any] = {"confidence": rigged.confidence, **_surface_figures(body, rigged)}
+    figures["torn_percent"] = torn(body.mesh, rigged, body.height)
     if body.joints is not None:
         return figures | joint_figures(body.joints, joints, body.height)
     figures["knees_forward"] = knees_forward(joints)
     laid = figures["template_to_mesh_percent"] < LAID_ON and figures["mesh_to_template_percent"] < COVERED
-    return figures | {"success": bool(laid and figures["knees_forward"] > BACKWARDS)}
+    whole = figures["torn_percent"] <= TORN and figures["knees_forward"] > BACKWARDS
+    return figures | {"success": bool(laid and whole)}
 
 
 def joint_figures(
@@ -157,8 +162,9 @@ def _surface_figures(body: RealBody, rigged: Rigged) -> dict[str, float]:
 
 def unlike(places: list[Float[Array, "vertices 3"]]) -> list[float]:
     """For the same mesh in several poses, mapped to the template each on its own: mean distance of each pose's vertices from
-    the median place over the poses, per cent of the template's height. Says nothing of fewer than three."""
+    the median place over the poses, per cent of the template's height. Raises `RetargetError` for fewer than three poses, of
+    which none could be told to be the odd one."""
     if len(places) < 3:
-        return [0.0] * len(places)
+        raise RetargetError(f"three poses of one mesh are needed to tell the odd one; received {len(places)}")
     middle = np.median(np.stack(places), axis=0)
     return [100 * float(np.linalg.norm(each - middle, axis=1).mean()) / HEIGHT for each in places]

@@ -28,7 +28,8 @@ OURS = "ours"
 SIZES = {"10k": 10_000, "100k": 100_000}
 FIGURES = (
     "weight_mse_x100", "weight_mse_x100_52", "joint_error_cm", "finger_error_cm", "rest_vertex_error_cm",
-    "registration_mm", "registration_surface_mm", "animated_mpvd_cm", "map_error_percent", "flipped_percent",
+    "registration_mm", "registration_surface_mm", "animated_mpvd_cm", "torn_percent", "map_error_percent",
+    "flipped_percent",
 )  # fmt: skip
 KEYS = {
     "function": "weight_mse_x100_function", "p2p": "weight_mse_x100_p2p", "p2p, adjoint": "weight_mse_x100_p2p_adjoint",
@@ -65,7 +66,7 @@ def run(quick: bool = False, tell: Tell = untold, show: Show | None = None) -> d
 
 
 def _case(case: RigCase, tell: Tell, show: Show | None) -> Iterator[dict[str, Any]]:
-    """Every row of a case: ours first, then what is given the true map, then pyFM."""
+    """Every row of a case: ours, then what is given the true map, then pyFM."""
     about = {"seed": case.seed, "name": case.name, "sort": case.sort, "half": "seen" if case.seed in SEEN else "unseen"}
     truth = truth_of(case)
     found = _rigged(lambda: rig(case.mesh))
@@ -112,7 +113,7 @@ def _real(quick: bool, tell: Tell, show: Show | None) -> list[dict[str, Any]]:
         rows.append(row)
         if show is not None:
             show(_real_picture(body, found, row))
-    for family in families.values():
+    for family in (each for each in families.values() if len(each) >= 3):
         for (row, _), away in zip(family, unlike([places for _, places in family])):
             row["unlike_percent"] = away
             row["success"] = bool(row["success"] and away <= ALIKE)
@@ -151,6 +152,8 @@ def _summary(cases: list[dict], real: list[dict], cost: dict[str, dict]) -> dict
         "registration_mm_true_map": _mean(given, "registration_mm"),
         "registration_surface_mm": _mean(ours, "registration_surface_mm"),
         "animated_mpvd_cm": _mean(ours, "animated_mpvd_cm"),
+        "torn_percent": _mean(ours, "torn_percent"),
+        "torn_percent_real": _mean(real, "torn_percent"),
         "wrong_unit_rate": _share(delivered, lambda case: not 0.5 < case["unit_factor"] < 2.0),
     }
     for name in SIZES:
@@ -197,7 +200,7 @@ def _row(method: str, split: str, cases: list[dict]) -> dict[str, Any]:
 
 
 def _lines(rows: list[dict], summary: dict, cases: list[dict], real: list[dict]) -> Iterator[str]:
-    heads = ("MSE", "MSE 52", "joint cm", "finger", "rest cm", "reg mm", "skin mm", "anim cm", "map %", "flip %", "success")
+    heads = ("MSE", "MSE 52", "joint cm", "finger", "rest cm", "reg mm", "skin mm", "anim cm", "torn %", "map %", "flip %", "success")
     yield f"{'':44}{'':16}{'cases':>6}" + "".join(f"{head:>9}" for head in heads)
     for row in rows:
         values = (row.get(key) for key in (*FIGURES, "success_rate"))
@@ -223,7 +226,7 @@ def _real_line(row: dict[str, Any]) -> str:
     if row["refused"]:
         return f"refused: {row['refused']}"
     known = ("joint_error_percent", "limb_error_percent", "worst_joint", "template_to_mesh_percent",
-             "mesh_to_template_percent", "knees_forward", "unlike_percent")  # fmt: skip
+             "mesh_to_template_percent", "torn_percent", "knees_forward", "unlike_percent")  # fmt: skip
     told = ", ".join(
         f"{key.removesuffix('_percent')} {row[key] if isinstance(row[key], str) else f'{row[key]:.2f}'}"
         for key in known if key in row

@@ -1,7 +1,7 @@
 """What is measured, on plain numpy arrays: every figure exactly once, its formula, unit and source in its docstring and in
 one sentence in `formulas.py`.
 
-`skeletal` compares joints, `surface` vertices, `interaction` contacts and penetration, `rig` weights and rest joints.
+`skeletal` compares joints, `surface` vertices, `interaction` contacts and penetration, `rig` weights, joints, maps and rest shapes.
 `result` is what a method made, `truth` what it should have made (same body), `source` what it was made from.
 Lengths named cm or mm are quoted at a body height of 1.7 m, so that a child and a giant read alike; lengths in metres are
 as they are, as in the papers. A mean over nothing (no contact, too few frames) is nan: neither good nor bad.
@@ -27,6 +27,7 @@ from retarget.evaluate.metrics.rig import (
     map_error_percent,
     registration_mm,
     rest_vertex_error_cm,
+    torn_percent,
     weight_mse_x100,
 )
 from retarget.evaluate.metrics.skeletal import (
@@ -81,6 +82,7 @@ __all__ = [
     "procrustes",
     "registration_mm",
     "rest_vertex_error_cm",
+    "torn_percent",
     "volume_error_percent",
     "weight_mse_x100",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from retarget.evaluate.metrics.basis import at_reference_height, positive, procrustes, require_alike
 
@@ -69,3 +69,17 @@ def flipped_percent(
     far = np.linalg.norm(mirrored - truth, axis=-1) > apart
     nearer = np.linalg.norm(result - mirrored, axis=-1) < np.linalg.norm(result - truth, axis=-1)
     return 100 * float((far & nearer).mean()) if len(truth) else float("nan")
+
+
+def torn_percent(
+    result: Float[Array, "vertices 3"],
+    posed: Float[Array, "vertices 3"],
+    edges: Int[Array, "edges 2"],
+    height: float,
+) -> float:
+    """100 x share of edges that are longer at rest (`result`) than twice their length in the pose plus 3 % of the height: an
+    arm that took a piece of the hip along. nan without edges. Both in the unit of `height`."""
+    require_alike(posed=posed, result=result)
+    before, after = (np.linalg.norm(each[edges[:, 0]] - each[edges[:, 1]], axis=1) for each in (posed, result))
+    torn = after > 2 * before + 0.03 * positive("height", height)
+    return 100 * float(torn.mean()) if len(edges) else float("nan")
