@@ -42,7 +42,11 @@ def posed_basis():
     """The same triangles in another pose: an isometry but for the skin's stretching."""
     character = human()
     turns = np.tile(rot.IDENTITY, (len(character.skeleton), 1))
-    for name, degrees in {"leftUpperArm": (0, -40, 30), "rightLowerArm": (0, 50, 0), "leftUpperLeg": (-40, 0, 0)}.items():
+    for name, degrees in {
+        "leftUpperArm": (0, -40, 30),
+        "rightLowerArm": (0, 50, 0),
+        "leftUpperLeg": (-40, 0, 0),
+    }.items():
         turns[human_model().joint_names.index(name)] = rot.from_rotation_vector(np.radians(degrees))
     world, joints = forward(character.skeleton.parents, turns[None], character.skeleton.offsets[None])
     posed = prepare_skinning(character).vertices(world, joints)[0].astype(np.float64)
@@ -85,9 +89,7 @@ def test_vertices_in_another_order_give_the_map_in_that_order():
     np.testing.assert_allclose(np.abs(C @ C.T), np.eye(FUNCTIONS), atol=1e-6)
     np.testing.assert_array_equal(point_map(C, basis().vectors, other.vectors), order)
     heights = body().vertices[:, 1]
-    np.testing.assert_allclose(
-        transferred(C, basis(), other, heights), basis().smooth(heights)[order], atol=1e-6
-    )
+    np.testing.assert_allclose(transferred(C, basis(), other, heights), basis().smooth(heights)[order], atol=1e-6)
 
 
 def test_zoomout_finds_a_posed_body_from_a_coarse_start():
@@ -122,11 +124,15 @@ def test_wave_kernels_keep_to_the_body_and_not_to_the_pose():
 
 def test_descriptors_that_tell_all_vertices_apart_give_the_true_map():
     places = body().vertices - body().vertices.mean(axis=0)
-    tellers = np.concatenate([places, places**2, places**3, places[:, [0]] * places[:, [1, 2]], np.sin(9 * places)], axis=1)
+    tellers = np.concatenate(
+        [places, places**2, places**3, places[:, [0]] * places[:, [1, 2]], np.sin(9 * places)], axis=1
+    )
     C = map_from_descriptors(basis().first(12), posed_basis().first(12), tellers, tellers, commutativity=1e-4)
     true = functional_map(basis().first(12), posed_basis().first(12), np.arange(len(body())))
     assert np.abs(C - true).max() < 0.1
-    stiff = map_from_descriptors(basis().first(12), basis().first(12), tellers[:, :1], tellers[:, :1], commutativity=1e6)
+    stiff = map_from_descriptors(
+        basis().first(12), basis().first(12), tellers[:, :1], tellers[:, :1], commutativity=1e6
+    )
     assert np.abs(stiff - np.diag(np.diag(stiff))).max() < 1e-3  # commuting alone is diagonal
 
 

@@ -48,10 +48,11 @@ def pulled_back(
     these surfaces."""
     placed = isinstance(target_to_template, Places)
     named = target_to_template.corners if placed else target_to_template
-    if len(named) != count or named.min(initial=0) < 0 or named.max(initial=0) >= len(functions):
+    lowest, highest = (int(named.min()), int(named.max())) if named.size else (0, 0)
+    if len(named) != count or lowest < 0 or highest >= len(functions):
         raise RetargetError(
-            f"the point map names vertices {int(named.min(initial=0))} to {int(named.max(initial=0))} for {len(named)} "
-            f"vertices; the template has {len(functions)}, the target {count}"
+            f"the point map names vertices {lowest} to {highest} for {len(named)} vertices; the template has "
+            f"{len(functions)}, the target {count}"
         )
     return target_to_template.of(functions) if placed else functions[named]
 

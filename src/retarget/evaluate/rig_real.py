@@ -123,7 +123,9 @@ def joint_figures(
         if other is not None and (twin := other + name.removeprefix("left").removeprefix("right")) in truth:
             swapped.append(np.linalg.norm(result[name] - truth[twin]) < np.linalg.norm(result[name] - truth[name]))
     share = float(np.mean(swapped)) if swapped else 0.0
-    mean, limbs = (float(np.mean([errors[name] for name in names])) for names in (shared, [n for n in shared if n in NEEDED]))
+    mean, limbs = (
+        float(np.mean([errors[name] for name in names])) for names in (shared, [n for n in shared if n in NEEDED])
+    )
     worst = max(errors, key=errors.__getitem__)
     return {
         "joint_error_percent": mean,

@@ -29,18 +29,17 @@ from retarget.evaluate.reference.rig_transfer import (
     joints_by_functions,
     joints_by_points,
 )
+from retarget.evaluate.remeshed import TOUCHING
 from retarget.evaluate.rig_cases import RigCase
 from retarget.evaluate.rig_judge import (
     Truth,
     dense_weights,
     judge_rest,
     judge_rig,
-    judge_weights,
     main_weights,
     map_figures,
     places_for_all,
 )
-from retarget.evaluate.remeshed import TOUCHING
 from retarget.geometry.closest import Places, SurfaceIndex
 from retarget.geometry.resample import Surface, decimate
 from retarget.geometry.spectral import SpectralBasis, laplacian, spectral_basis
@@ -191,8 +190,19 @@ def _joints_and_rest(
         }
     rest, parents = model.joints, model.parents
     for method, lambdas in RESTS.items():
-        yield _rest_row(method, case, truth, used, spatial, metres, weights, lambda j, own=lambdas: optimised_pose(rest, parents, j, own))
-    yield _rest_row(REST_CLOSED, case, truth, used, spatial, metres, weights, lambda j: closed_form_pose(rest, parents, j))
+        yield _rest_row(
+            method,
+            case,
+            truth,
+            used,
+            spatial,
+            metres,
+            weights,
+            lambda j, own=lambdas: optimised_pose(rest, parents, j, own),
+        )
+    yield _rest_row(
+        REST_CLOSED, case, truth, used, spatial, metres, weights, lambda j: closed_form_pose(rest, parents, j)
+    )
     exact = main_weights(truth.weights[used])
     yield _rest_row(REST_TRUE, case, truth, used, true, metres, exact, lambda j: closed_form_pose(rest, parents, j))
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from retarget.errors import RetargetError
-from retarget.evaluate.rig_cases import rig_case
 from retarget.evaluate.remeshed import collapsed
+from retarget.evaluate.rig_cases import rig_case
 from retarget.geometry.resample import Surface
 
 SEED = 0
@@ -50,9 +50,7 @@ def rigging_cost(vertices: int) -> dict[str, float | None]:
     with tempfile.TemporaryDirectory(prefix="retarget-") as folder:
         path = Path(folder) / "mesh.npz"
         np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
-        done = subprocess.run(
-            [sys.executable, "-c", CHILD, str(path)], capture_output=True, text=True, timeout=LONGEST
-        )
+        done = subprocess.run([sys.executable, "-c", CHILD, str(path)], capture_output=True, text=True, timeout=LONGEST)
     if done.returncode:
         raise RetargetError(f"rigging {vertices} vertices failed: {(done.stderr.strip().splitlines() or ['?'])[-1]}")
     return json.loads(done.stdout)

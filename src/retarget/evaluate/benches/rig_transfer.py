@@ -129,7 +129,9 @@ def _summary(cases: list[dict], real: list[dict], cost: dict[str, dict]) -> dict
     given = [case for case in cases if case["method"] == OURS_MAPPED]
     delivered = [case for case in ours if not case["refused"]]
     summary: dict[str, float | None] = {"weight_mse_x100": _mean(given, "weight_mse_x100")}
-    summary |= {key: _mean([c for c in cases if c["method"] == method], "weight_mse_x100") for method, key in KEYS.items()}
+    summary |= {
+        key: _mean([c for c in cases if c["method"] == method], "weight_mse_x100") for method, key in KEYS.items()
+    }
     errors = [case["weight_mse_x100"] for case in delivered]
     summary["weight_mse_x100_auto"] = _mean(ours, "weight_mse_x100")
     summary["weight_mse_x100_auto_median"] = float(np.median(errors)) if errors else None
@@ -200,7 +202,20 @@ def _row(method: str, split: str, cases: list[dict]) -> dict[str, Any]:
 
 
 def _lines(rows: list[dict], summary: dict, cases: list[dict], real: list[dict]) -> Iterator[str]:
-    heads = ("MSE", "MSE 52", "joint cm", "finger", "rest cm", "reg mm", "skin mm", "anim cm", "torn %", "map %", "flip %", "success")
+    heads = (
+        "MSE",
+        "MSE 52",
+        "joint cm",
+        "finger",
+        "rest cm",
+        "reg mm",
+        "skin mm",
+        "anim cm",
+        "torn %",
+        "map %",
+        "flip %",
+        "success",
+    )
     yield f"{'':44}{'':16}{'cases':>6}" + "".join(f"{head:>9}" for head in heads)
     for row in rows:
         values = (row.get(key) for key in (*FIGURES, "success_rate"))
@@ -210,7 +225,9 @@ def _lines(rows: list[dict], summary: dict, cases: list[dict], real: list[dict])
         yield f"{PYFM:44}not installed (pip install 'retarget[bench]')"
     joints = _by_joint([case for case in cases if case["method"] == OURS])
     yield ""
-    yield "joints, cm: " + ", ".join(f"{name} {value:.2f}" for name, value in sorted(joints.items(), key=lambda e: -e[1])[:8])
+    yield "joints, cm: " + ", ".join(
+        f"{name} {value:.2f}" for name, value in sorted(joints.items(), key=lambda e: -e[1])[:8]
+    )
     yield ""
     for case in cases:
         if case["method"] == OURS and not case["success"]:

@@ -155,11 +155,7 @@ def _left_jacobian(theta: Float[Array, "3"]) -> Float[Array, "3 3"]:
     cross = np.array([[0, -theta[2], theta[1]], [theta[2], 0, -theta[0]], [-theta[1], theta[0], 0]])
     if angle < 1e-4:
         return np.eye(3) + cross / 2 + cross @ cross / 6
-    return (
-        np.eye(3)
-        + (1 - np.cos(angle)) / angle**2 * cross
-        + (angle - np.sin(angle)) / angle**3 * (cross @ cross)
-    )
+    return np.eye(3) + (1 - np.cos(angle)) / angle**2 * cross + (angle - np.sin(angle)) / angle**3 * (cross @ cross)
 
 
 def _turn_onto(bones: Float[Array, "bones 3"], wanted: Float[Array, "bones 3"]) -> Float[Array, "3 3"]:
