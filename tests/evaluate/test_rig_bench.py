@@ -16,6 +16,7 @@ from retarget.evaluate.rig_real import joint_figures, knees_forward, unlike
 from retarget.evaluate.rig_rows import OURS_MAPPED, basis_of
 from retarget.geometry.closest import Places
 from retarget.geometry.resample import Surface
+from retarget.geometry.topology import vertex_normals
 from retarget.rig.rigging import Rigged
 from retarget.rig.template import MAIN, human_template
 
@@ -64,14 +65,16 @@ def test_made_faults_are_seen_for_what_they_are(case, truth):
     assert half["unit_factor"] == pytest.approx(2)
 
 
-def test_rest_of_what_lies_off_the_body_lies_off_it_as_far():
-    """Clothes and noise are taken back with the skin beneath, at their distance."""
-    case = rig_case(2)
-    truth = truth_of(case)
+def test_rest_of_what_lies_off_the_body_lies_off_it_as_far_and_on_the_same_side():
+    """Clothes and noise are taken back with the skin beneath, at their distance, along its normal."""
+    case = rig_case(5)
+    truth, rest = truth_of(case), case.character.mesh.vertices
     off = np.linalg.norm(case.mesh.vertices - case.places.of(case.posed), axis=1) / case.scale
-    there = np.linalg.norm(truth.rest - case.places.of(case.character.mesh.vertices), axis=1)
-    np.testing.assert_allclose(there, off, atol=1e-9)
+    there = truth.rest - case.places.of(rest)
+    np.testing.assert_allclose(np.linalg.norm(there, axis=1), off, atol=1e-9)
     assert off[~case.body].mean() > 0.005 and (truth.posed != case.posed).any()
+    normals = case.places.of(vertex_normals(rest, case.character.mesh.faces))
+    assert ((there * normals).sum(axis=1) / off)[~case.body].mean() > 0.93
 
 
 def test_fingers_count_to_their_hands():
