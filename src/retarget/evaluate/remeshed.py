@@ -51,7 +51,7 @@ def clustered(surface: Surface, count: int, draw: np.random.Generator) -> tuple[
     return Surface(fine.vertices[seeds[used]], packed.reshape(-1, 3)), _placed(placing[seeds[used]].tocsr())
 
 
-def _finer(surface: Surface, count: float) -> tuple[Surface, object]:
+def _finer(surface: Surface, count: float | int) -> tuple[Surface, object]:
     from scipy.sparse import identity
 
     placing = identity(len(surface), format="csr")
