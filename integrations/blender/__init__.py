@@ -30,6 +30,10 @@ def _is_armature(_, each: bpy.types.Object) -> bool:
     return each.type == "ARMATURE"
 
 
+def _can_move(_, each: bpy.types.Object) -> bool:
+    return each.type == "ARMATURE" or transfer.is_bare(each)
+
+
 class RetargetSettings(bpy.types.PropertyGroup):
     source: bpy.props.PointerProperty(
         name="Motion of", description="The armature whose action is taken", type=bpy.types.Object, poll=_is_armature
@@ -38,7 +42,8 @@ class RetargetSettings(bpy.types.PropertyGroup):
         name="or file", description="A motion file: BVH, FBX, GLB or glTF, in place of an armature", subtype="FILE_PATH"
     )
     target: bpy.props.PointerProperty(
-        name="Onto", description="The armature that shall move, with its meshes", type=bpy.types.Object, poll=_is_armature
+        name="Onto", description="The armature that shall move, with its meshes; or a bare mesh, which gets one",
+        type=bpy.types.Object, poll=_can_move,
     )
     in_place: bpy.props.BoolProperty(name="In place", description="Drop the horizontal path")
     foot_lock: bpy.props.BoolProperty(name="Foot lock", description="Hold what rests on the ground", default=True)
@@ -47,7 +52,7 @@ class RetargetSettings(bpy.types.PropertyGroup):
 class RETARGET_OT_run(bpy.types.Operator):
     bl_idname = "retarget.run"
     bl_label = "Retarget"
-    bl_description = "Put the motion on the character: a new action on its own armature"
+    bl_description = "Put the motion on the character: a new action on its own armature, or on one that it gets"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -99,7 +104,8 @@ class RETARGET_OT_run(bpy.types.Operator):
         self._folder = tempfile.TemporaryDirectory(prefix="retarget-")
         folder = Path(self._folder.name)
         self._target, self._result = settings.target, folder / "result.glb"
-        transfer.export_target(settings.target, folder / "target.glb")
+        self._bare = transfer.is_bare(settings.target)
+        (transfer.export_mesh if self._bare else transfer.export_target)(settings.target, folder / "target.glb")
         if settings.file:
             source = Path(bpy.path.abspath(settings.file))
             if source.suffix.lower() not in transfer.MOTION_FILES or not source.is_file():
@@ -127,7 +133,8 @@ class RETARGET_OT_run(bpy.types.Operator):
         try:
             if self._child.returncode != 0 or not self._result.exists():
                 raise ValueError(said[-1] if said else f"retarget ended with {self._child.returncode}")
-            action = transfer.bring_back(self._result, self._target, f"{self._name} retargeted")
+            take = transfer.bring_character if self._bare else transfer.bring_back
+            action = take(self._result, self._target, f"{self._name} retargeted")
         finally:
             self._folder.cleanup()
         context.scene.frame_end = max(context.scene.frame_end, round(action.frame_range[1]))

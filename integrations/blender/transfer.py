@@ -29,6 +29,13 @@ def export_target(armature: bpy.types.Object, path: Path) -> None:
     _export(armature, [each for each in bpy.data.objects if _moved_by(each, armature)], path, export_animations=False)
 
 
+def export_mesh(mesh: bpy.types.Object, path: Path) -> None:
+    """A bare mesh as it stands, with its materials: it comes back rigged. Raises `ValueError` for one without faces."""
+    if not mesh.data.polygons:
+        raise ValueError(f"{mesh.name} has no faces")
+    _export(mesh, [], path, export_animations=False, export_materials="EXPORT", export_apply=True)
+
+
 def export_source(armature: bpy.types.Object, path: Path) -> str:
     """The armature with its meshes and its current action; returns the action's name. Raises `ValueError` without one."""
     data = armature.animation_data
@@ -65,6 +72,24 @@ def bring_back(path: Path, armature: bpy.types.Object, name: str) -> bpy.types.A
                 own.remove(each)
 
 
+def bring_character(path: Path, mesh: bpy.types.Object, name: str) -> bpy.types.Action:
+    """The rigged character made of a bare mesh, as new objects beside it; the mesh itself is hidden."""
+    before = set(bpy.data.objects)
+    bpy.ops.import_scene.gltf(filepath=str(path), bone_heuristic="TEMPERANCE", disable_bone_shape=True)
+    made = next((each for each in set(bpy.data.objects) - before if each.type == "ARMATURE"), None)
+    if made is None or made.animation_data is None or made.animation_data.action is None:
+        raise ValueError("the result holds no animated armature")
+    made.name = f"{mesh.name} rig"
+    made.animation_data.action.name = name
+    mesh.hide_set(True)
+    return made.animation_data.action
+
+
+def is_bare(each: bpy.types.Object) -> bool:
+    """Whether this is a mesh that no armature moves."""
+    return each.type == "MESH" and each.find_armature() is None
+
+
 def _moved_by(each: bpy.types.Object, armature: bpy.types.Object) -> bool:
     modified = any(modifier.type == "ARMATURE" and modifier.object == armature for modifier in each.modifiers)
     return each.type == "MESH" and (modified or each.parent == armature)
@@ -81,7 +106,7 @@ def _export(armature: bpy.types.Object, meshes: list[bpy.types.Object], path: Pa
         bpy.context.view_layer.objects.active = armature
         bpy.ops.export_scene.gltf(
             filepath=str(path), export_format="GLB", use_selection=True, export_yup=True, export_skins=True,
-            export_def_bones=False, export_materials="NONE", export_rest_position_armature=True, **options,
+            export_def_bones=False, export_rest_position_armature=True, **{"export_materials": "NONE", **options},
         )  # fmt: skip
     finally:
         bpy.ops.object.select_all(action="DESELECT")

@@ -19,7 +19,8 @@ from retarget.progress import progress_line
 from retarget.retargeting import cast
 from retarget.rig.map_file import read_surface_map
 from retarget.rig.rigging import Rigged, rig
-from retarget.rig.template import Template, character_template, human_template
+from retarget.rig.template import Template
+from retarget.rig.templates import character_template, human_template
 
 Array = np.ndarray
 
@@ -75,7 +76,7 @@ def bare_body(asset: Asset) -> Mesh | PointCloud:
 def _template_of(path: Path) -> Template:
     actor = cast(path)
     try:
-        return character_template(actor.character, dict(actor.humanoid.joints))
+        return character_template(actor.character, actor.humanoid)
     except RetargetError as error:
         raise FileError(path, str(error)) from None
 

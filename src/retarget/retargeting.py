@@ -18,7 +18,7 @@ from retarget.errors import FileError, MatchError, RetargetError, unknown_name
 from retarget.io import load
 from retarget.io.asset import Asset, Convention
 from retarget.methods import METHODS, Method, Result, Retargeter
-from retarget.motion.align import Actor, make_actor
+from retarget.motion.align import Actor, make_actor, with_grafts
 from retarget.progress import Tell, untold
 
 log = logging.getLogger("retarget")
@@ -167,6 +167,7 @@ def prepare(source: Actor, target: Actor, method: str | Method = "auto", **setti
     limbs are missing), 'auto' copies rotations and says so. Raises `RetargetError` for an unknown method or setting, or
     bodies that do not match.
     """
+    target = with_grafts(target)
     if method != "auto":
         chosen = method if isinstance(method, Method) else choose_method(method, settings)
         said = f"method: {_method_name(chosen)}, as asked"

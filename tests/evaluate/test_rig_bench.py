@@ -18,7 +18,8 @@ from retarget.geometry.closest import Places
 from retarget.geometry.resample import Surface
 from retarget.geometry.topology import vertex_normals
 from retarget.rig.rigging import Rigged
-from retarget.rig.template import MAIN, human_template
+from retarget.rig.template import MAIN
+from retarget.rig.templates import human_template
 
 
 @pytest.fixture(scope="module")

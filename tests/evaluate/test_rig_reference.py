@@ -23,7 +23,7 @@ from retarget.evaluate.reference.rig_transfer import (
 )
 from retarget.geometry.resample import Surface, decimate
 from retarget.geometry.spectral import spectral_basis
-from retarget.rig.template import human_template
+from retarget.rig.templates import human_template
 
 PARENTS = np.array([-1, 0, 1, 2, 1, 4, 0])
 REST = np.array(

@@ -131,7 +131,7 @@ def _pose(draw: np.random.Generator, seed: int) -> tuple[str, Float[Array, "join
     return stance, rot.multiply(rotations, rot.from_rotation_vector(wobble))
 
 
-def _angles(stance: str, draw: np.random.Generator) -> dict[str, tuple[float | int, ...]]:
+def _angles(stance: str, draw: np.random.Generator) -> dict[str, tuple]:
     """Rotation vectors in degrees by joint; x bends forward, z lifts the left arm."""
     if stance == "T":
         return {"leftUpperArm": (0, 0, 40), "rightUpperArm": (0, 0, -40)}

@@ -20,7 +20,8 @@ from retarget.geometry.closest import Places, SurfaceIndex
 from retarget.motion.library import embedded_motion
 from retarget.rig.fit import HEIGHT
 from retarget.rig.rigging import Rigged
-from retarget.rig.template import MAIN, human_template
+from retarget.rig.template import MAIN
+from retarget.rig.templates import human_template
 
 Array = np.ndarray
 

@@ -29,7 +29,8 @@ from retarget.io import load
 from retarget.retargeting import NEEDED, cast
 from retarget.rig.fit import HEIGHT
 from retarget.rig.rigging import Rigged
-from retarget.rig.template import MAIN, human_template
+from retarget.rig.template import MAIN
+from retarget.rig.templates import human_template
 
 Array = np.ndarray
 

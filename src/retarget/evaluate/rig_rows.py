@@ -45,7 +45,8 @@ from retarget.geometry.resample import Surface, decimate
 from retarget.geometry.spectral import SpectralBasis, laplacian, spectral_basis
 from retarget.geometry.topology import vertex_normals
 from retarget.rig.rigging import rig
-from retarget.rig.template import MAIN, human_template
+from retarget.rig.template import MAIN
+from retarget.rig.templates import human_template
 
 Array = np.ndarray
 

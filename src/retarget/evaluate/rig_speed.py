@@ -24,7 +24,7 @@ import json, sys, time
 import numpy as np
 from retarget.character import Mesh
 from retarget.rig.rigging import rig
-from retarget.rig.template import human_template
+from retarget.rig.templates import human_template
 with np.load(sys.argv[1], allow_pickle=False) as archive:
     mesh = Mesh(archive["vertices"], archive["faces"])
 start = time.perf_counter()

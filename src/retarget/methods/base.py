@@ -53,7 +53,9 @@ class Result:
     @property
     def file_motion(self) -> Motion:
         """The motion in the unit and axes of the target's own file."""
-        return self.target.house_from_file.inverse().motion(self.motion)
+        graft = self.target.graft
+        motion = self.motion if graft is None else graft.back(self.motion)
+        return self.target.house_from_file.inverse().motion(motion)
 
     def save(self, path: str | Path, **options: Any) -> None:
         """Write the target with this motion: a glTF target keeps all it had and gains a clip. See `io.save`."""
@@ -63,7 +65,7 @@ class Result:
 def save_results(path: str | Path, results: Sequence[Result], **options: Any) -> None:
     """Write several clips of one target into one file. Raises `RetargetError` where the targets differ."""
     target = results[0].target
-    if any(result.target is not target for result in results):
+    if any(result.target.original is not target.original for result in results):
         raise RetargetError("results of different targets cannot share a file")
     save(path, target.original, [result.file_motion for result in results], **options)
 

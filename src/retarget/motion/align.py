@@ -20,6 +20,7 @@ from retarget.contact.support import leg_length, support_limbs, support_points
 from retarget.correspond.joints import Humanoid
 from retarget.errors import RetargetError
 from retarget.io.asset import Convention
+from retarget.motion.graft import Graft, graft
 from retarget.motion.anatomy import Soles
 
 Array = np.ndarray
@@ -111,10 +112,20 @@ class Actor:
     notes: tuple[str, ...] = ()
     soles: Soles = field(default_factory=dict)
     """Soles as the motion shows them, for a body without surface (`stance_soles`)."""
+    graft: Graft | None = None
+    """How `character` hangs together otherwise than its file; None where it does not (`with_grafts`)."""
 
     @property
     def skeleton(self) -> Skeleton:
         return self.character.skeleton
+
+
+def with_grafts(actor: Actor) -> Actor:
+    """The body with feet and hands on their limbs, where its file keeps them beside (`graft.py`)."""
+    if actor.graft is not None:
+        return actor
+    character, humanoid, found = graft(actor.character, actor.humanoid, actor.height)
+    return actor if found is None else replace(actor, character=character, humanoid=humanoid, graft=found)
 
 
 def body_height(skeleton: Skeleton, humanoid: Humanoid, vertices: Array | None = None) -> float:

@@ -28,13 +28,14 @@ from retarget.rig.fit_model import BodyState, FitModel, part_transforms, pose_bo
 from retarget.rig.registration import Registered, register
 from retarget.rig.rest import rest_from_pose
 from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_of
-from retarget.rig.template import SAMPLES, Template, human_template, intrinsic_body
+from retarget.rig.template import SAMPLES, Template, intrinsic_body
+from retarget.rig.templates import human_template
 from retarget.rig.weights import places_on_template, rigid_pieces, sparse_weights
 from retarget.rig.working_surface import WorkingSurface, finite_surface, surface_of_points, working_surfaces
 
 Array = np.ndarray
 
-LEAST_CONFIDENCE = 0.25
+LEAST_CONFIDENCE = 0.35
 """Below this no rig is delivered: landmarks are asked for."""
 FINE = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 8
 FINGERS = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 5
@@ -44,7 +45,7 @@ LAID_ON = 30_000
 """Vertices of the mesh that the template is laid onto; larger ones are decimated for that."""
 UNITS = {"m": (1.0, 0.0), "cm": (0.01, 0.0), "mm": (0.001, 0.0), "dm": (0.1, 0.6), "inch": (0.0254, 0.6)}
 """Metres, and how much better the height must fit (in its logarithm) for the rarer ones."""
-PLAUSIBLE, USUAL = (0.4, 3.0), 1.65
+PLAUSIBLE, USUAL = (0.4, 3.0), 1.7
 """Heights of bodies in metres by which a unit is told, and the likeliest."""
 
 
@@ -106,7 +107,8 @@ def rig(
     model = template.model
     places = places_on_template(moved, fitted.registered, template.faces, model.points)
     rest = rest_from_pose(model, fitted.state, rigid_pieces(moved, places.of(model.weights)), moved.vertices)
-    metres, note = _unit(rest, target, unit)
+    height = float(np.ptp(rest[:, 1])) / target.unit
+    metres, note = likely_unit(height) if unit is None else (unit, f"{height * unit:.2f} m tall")
     character = _character(template, fitted, mesh, moved, places, rest, metres / target.unit)
     notes = (note, *((f"{found.working.pieces} pieces, taken as one body",) if found.working.fused else ()), best.how)
     joints, _ = part_transforms(model, fitted.state)
@@ -196,28 +198,25 @@ def _with_fingers(state: BodyState, model: FitModel) -> BodyState:
     return BodyState(state.shape, turns, state.root)
 
 
-def _unit(rest: Float[Array, "vertices 3"], target: Target, given: float | None) -> tuple[float, str]:
-    """Metres in a unit of the mesh, and why."""
-    height = float(np.ptp(rest[:, 1])) / target.unit
-    if given is not None:
-        return given, f"height {height * given:.2f} m"
-    likely = [(abs(np.log(height * unit / USUAL)) + rare, name, unit) for name, (unit, rare) in UNITS.items()
-              if PLAUSIBLE[0] <= height * unit <= PLAUSIBLE[1]]  # fmt: skip
+def likely_unit(height: float) -> tuple[float, str]:
+    """Metres in a unit by which a body so many units tall is likely, and why."""
+    likely = [
+        (abs(np.log(height * unit / USUAL)) + rare, name, unit)
+        for name, (unit, rare) in UNITS.items()
+        if PLAUSIBLE[0] <= height * unit <= PLAUSIBLE[1]
+    ]
     if likely:
         _, name, unit = min(likely)
         return unit, f"unit {name}: the body is {height * unit:.2f} m tall"
-    unit = 1.7 / height
-    return unit, f"no unit makes a height of {height:.4g} plausible: scaled to 1.70 m"
+    return USUAL / height, f"no unit makes a height of {height:.4g} plausible: scaled to {USUAL:.2f} m"
 
 
 def _character(
     template: Template, fitted: _Fitted, mesh: Mesh, moved: Surface, places: Places, rest: Array, scale: float
 ) -> Character:
     """Skeleton and weights of the template on the mesh at rest, feet on y = 0, hips above the middle."""
-    skeleton, skin = template.character.skeleton, template.character.skin
-    dense = np.zeros((len(template.model.points), len(skeleton)))
-    np.add.at(dense, (np.arange(len(dense))[:, None], skin.joints[skin.columns]), skin.weights)
-    columns, weights = sparse_weights(rigid_pieces(moved, places.of(dense)))
+    skeleton = template.skeleton
+    columns, weights = sparse_weights(rigid_pieces(moved, places.of(template.weights)))
     joints = _all_joints(template, fitted)
     shift = np.array([joints[0, 0], rest[:, 1].min(), joints[0, 2]])
     joints, vertices = (joints - shift) * scale, (rest - shift) * scale
@@ -238,12 +237,12 @@ def _character(
 def _all_joints(template: Template, fitted: _Fitted) -> Float[Array, "joints 3"]:
     """Every joint of the template's character at rest: fitted ones from the shape, the others from the skin around them."""
     model = template.model
-    joints = np.empty((len(template.character.skeleton), 3))
+    joints = np.empty((len(template.skeleton), 3))
     joints[template.joints] = model.joints_of(fitted.state.shape)
     others = np.setdiff1d(np.arange(len(joints)), template.joints)
     if len(others):
         rest = rest_from_pose(model, fitted.state, model.weights, fitted.registered.vertices)
-        joints[others] = np.einsum("jk,jkx->jx", template.other_weights, rest[template.other_vertices])
+        joints[others] = np.einsum("jk,jkx->jx", template.other_shares, rest[template.other_vertices])
     return joints
 
 

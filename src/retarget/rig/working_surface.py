@@ -75,7 +75,7 @@ def _thin_shell(points: Float[Array, "points 3"], cells: int, gaps: int | Int[Ar
 
     `gaps` are voxels that it is thicker by, at each point.
     """
-    gaps = np.clip(gaps, 0, WIDEST)
+    gaps = np.broadcast_to(np.clip(gaps, 0, WIDEST), len(points))
     thin = largest_pieces(shell(points, 1 + gaps, cells))
     for thickness in range(2, THICKEST + 1):
         thicker = largest_pieces(shell(points, thickness + gaps, cells))

@@ -22,7 +22,8 @@ from retarget.evaluate.rig_rows import OURS_MAPPED, PYFM, found_by_pyfm, given_t
 from retarget.evaluate.rig_speed import rigging_cost
 from retarget.progress import Tell, untold
 from retarget.rig.rigging import Rigged, rig
-from retarget.rig.template import MAIN, human_template
+from retarget.rig.template import MAIN
+from retarget.rig.templates import human_template
 
 OURS = "ours"
 SIZES = {"10k": 10_000, "100k": 100_000}

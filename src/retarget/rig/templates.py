@@ -1,0 +1,151 @@
+"""The templates there are: the embedded human, and any rigged character that somebody has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+
+from retarget.body.human import human, human_model, human_vertices
+from retarget.body.kinematics import rest_pose
+from retarget.body.skinning import rest_vertices
+from retarget.character import Character, Skeleton
+from retarget.contact.parts import body_parts
+from retarget.correspond.joints import Humanoid
+from retarget.correspond.landmarks import TIPS
+from retarget.errors import RetargetError
+from retarget.geometry.resample import Surface
+from retarget.rig.fit import HEIGHT
+from retarget.rig.template import AVERAGE, STYLISED, Parts, Template, make_template, model_names
+from retarget.rig.working_surface import working_surfaces
+
+Array = np.ndarray
+
+BODIES, COMPONENTS = 160, 24
+"""Random embedded bodies, and the principal components kept of them."""
+ENDS = dict(zip(TIPS, ("crown", "leftMiddleTip", "rightMiddleTip", "leftBigToeTip", "rightBigToeTip")))
+"""Landmarks of the embedded human at the body's ends."""
+
+
+@lru_cache(maxsize=1)
+def human_template() -> Template:
+    """The embedded human: its bodies' principal components, and every part free to grow; from an average and from a stylised
+    body."""
+    character, model = human(height=HEIGHT), human_model()
+    joints = {name: number for number, name in enumerate(model.joint_names)}
+    components = _components()
+    regressor = model.shape.regressor[[joints[name] for name in model_names(joints)]]
+    ends = {name: model.landmark(landmark) for name, landmark in ENDS.items()}
+    return make_template(
+        Parts(
+            character.skeleton,
+            joints,
+            Surface(character.mesh.vertices, model.faces),
+            _dense_weights(character),
+            tuple(ends.values()),
+            dict(model.landmarks) | ends,
+            components,
+            np.einsum("jv,kvx->kjx", regressor, components),
+            {"average": AVERAGE, "stylised": STYLISED},
+        )
+    )
+
+
+def character_template(character: Character, humanoid: Humanoid) -> Template:
+    """Any rigged character with a surface, in metres with +Y up and facing +Z; what it holds and wears on joints of its own
+    is left out, and a body in many pieces stands as the shell around them.
+
+    Raises `RetargetError` for a character without a surface or without limbs.
+    """
+    if character.mesh is None or character.skin is None:
+        raise RetargetError(f"{character.name or 'the template'} has no surface, so it cannot be a template")
+    missing = [name for name in ("hips", *TIPS) if name not in humanoid.joints]
+    if missing:
+        raise RetargetError(f"a template needs the joints hips, {', '.join(TIPS)}; it lacks {', '.join(missing)}")
+    rest = rest_vertices(character)
+    faces = character.mesh.faces[body_parts(character, humanoid).body_faces]
+    if not len(faces):
+        raise RetargetError(f"no part of the surface of {character.name or 'the template'} is body")
+    used, packed = np.unique(faces, return_inverse=True)
+    unit = HEIGHT / max(float(np.ptp(rest[used, 1])), 1e-9)
+    surface, weights = _one_surface(Surface(rest[used] * unit, packed.reshape(-1, 3)), _dense_weights(character)[used])
+    skeleton = _scaled(character.skeleton, unit)
+    ends = {name: _end(name, humanoid, skeleton, surface, weights) for name in TIPS}
+    count = len(model_names(humanoid.joints))
+    none = np.zeros((0, len(surface), 3)), np.zeros((0, count, 3))
+    return make_template(
+        Parts(skeleton, humanoid.joints, surface, weights, tuple(ends.values()), ends, *none, {"template": AVERAGE})
+    )
+
+
+def _one_surface(
+    surface: Surface, weights: Float[Array, "vertices joints"]
+) -> tuple[Surface, Float[Array, "shell joints"]]:
+    """The surface itself if it is of one piece, else the shell around its pieces with the weights of what lies nearest."""
+    from scipy.spatial import cKDTree
+
+    working = next(working_surfaces(surface))
+    if working.pieces == 1 and not working.fused:
+        return surface, weights
+    if not working.fused:
+        near = cKDTree(surface.vertices).query(working.surface.vertices)[1]
+        return working.surface, weights[near]
+    distance, near = cKDTree(surface.vertices).query(working.surface.vertices, k=4)
+    share = 1.0 / np.maximum(distance, 1e-6)
+    share /= share.sum(axis=1, keepdims=True)
+    return working.surface, np.einsum("vk,vkj->vj", share, weights[near])
+
+
+def _components() -> Float[Array, "components vertices 3"]:
+    """Principal components of random embedded bodies of one height, one standard deviation each."""
+    draw = np.random.default_rng(7)
+    details = human_model().detail_names
+    bodies = []
+    for _ in range(BODIES):
+        shape = {"gender": draw.uniform(), "muscle": draw.uniform()}
+        shape["weight"] = draw.uniform(0.0, 1.3) if draw.random() < 0.85 else draw.uniform(1.3, 2.0)
+        shape["age"] = draw.uniform(0.4, 1.0) if draw.random() < 0.6 else draw.uniform(0.0, 0.4)
+        shape |= {str(name): draw.uniform(-0.8, 0.8) for name in draw.choice(details, 10, replace=False)}
+        body = human_vertices(**shape)
+        bodies.append(body / np.ptp(body[:, 1]) * HEIGHT)
+    away = np.stack(bodies).reshape(BODIES, -1)
+    away -= away.mean(axis=0)
+    _, vectors = np.linalg.eigh(away @ away.T)
+    components = vectors[:, : -COMPONENTS - 1 : -1].T @ away / np.sqrt(BODIES)
+    return components.reshape(COMPONENTS, -1, 3)
+
+
+def _dense_weights(character: Character) -> Float[Array, "vertices joints"]:
+    skin = character.skin
+    weights = np.zeros((len(skin.columns), len(character.skeleton)))
+    np.add.at(weights, (np.arange(len(weights))[:, None], skin.joints[skin.columns]), skin.weights)
+    return weights
+
+
+def _scaled(skeleton: Skeleton, unit: float) -> Skeleton:
+    return replace(skeleton, offsets=skeleton.offsets * unit, end_offsets=None)
+
+
+def _end(
+    name: str, humanoid: Humanoid, skeleton: Skeleton, surface: Surface, weights: Float[Array, "vertices joints"]
+) -> int:
+    """The vertex of an end part farthest from its joint (of a head, the highest above it), toes and fingers with it."""
+    joint = humanoid.joints[name]
+    hanging = [each for each in range(len(skeleton)) if _hangs(skeleton, each, joint)]
+    part = np.flatnonzero(weights[:, hanging].sum(axis=1) > 0.5)
+    if not len(part):
+        part = np.flatnonzero(weights[:, hanging].sum(axis=1) > 0.1)
+    if not len(part):
+        raise RetargetError(f"no part of the template's surface follows its {name}")
+    away = surface.vertices[part] - rest_pose(skeleton)[1][joint]
+    return int(part[(away[:, 1] if name == "head" else np.linalg.norm(away, axis=1)).argmax()])
+
+
+def _hangs(skeleton: Skeleton, joint: int, above: int) -> bool:
+    while joint >= 0:
+        if joint == above:
+            return True
+        joint = int(skeleton.parents[joint])
+    return False

@@ -1,0 +1,127 @@
+"""`retarget rig`, and `retarget run` onto a bare mesh."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).parent / "rig"))
+from rig_bodies import case, quadruped  # noqa: E402
+
+from retarget.commands_rig import parse_landmarks  # noqa: E402
+from retarget.errors import RetargetError  # noqa: E402
+from retarget.io import load  # noqa: E402
+
+
+def write_obj(path, mesh):
+    lines = [f"v {x:.6g} {y:.6g} {z:.6g}" for x, y, z in mesh.vertices.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def statue(tmp_path_factory):
+    return write_obj(tmp_path_factory.mktemp("statue") / "statue.obj", case(6).mesh)
+
+
+def test_a_statue_gets_a_rig(command, statue, tmp_path):
+    code, out, err = command("rig", statue, "-o", tmp_path / "rigged.glb", "--json")
+    told = json.loads(out)
+    assert code == 0 and not err
+    assert told["confidence"] > 0.8 and told["joints"][0] == "hips"
+    written = load(tmp_path / "rigged.glb")
+    assert written.kind == "character" and len(written.character.skeleton) == 52
+    assert len(written.character.mesh.faces) == len(case(6).mesh.faces)
+
+
+def test_the_same_command_twice_gives_the_same_file(command, statue, tmp_path):
+    for name in ("one.glb", "two.glb"):
+        assert command("rig", statue, "-o", tmp_path / name)[0] == 0
+    assert (tmp_path / "one.glb").read_bytes() == (tmp_path / "two.glb").read_bytes()
+
+
+def test_a_statue_walks(command, statue, tmp_path):
+    walk = tmp_path / "walk.glb"
+    assert command("body", "-o", walk, "--preset", "thin", "--motion", "walk")[0] == 0
+    code, _, err = command("run", walk, statue, "-o", tmp_path / "statue_walk.glb", "--end", "1", "-v")
+    assert code == 0 and "rigged with confidence" in err
+    written = load(tmp_path / "statue_walk.glb")
+    assert len(written.clips) == 1 and written.character.skin is not None
+
+
+def test_a_map_from_a_file_is_followed(command, statue, tmp_path):
+    places = case(6).places
+    nearest = places.corners[np.arange(len(places.corners)), places.weights.argmax(axis=1)]
+    (tmp_path / "map.txt").write_text("\n".join(map(str, nearest.tolist())))
+    np.savez(tmp_path / "map.npz", corners=places.corners, weights=places.weights)
+    for name in ("map.txt", "map.npz"):
+        code, out, err = command("rig", statue, "-o", tmp_path / "m.glb", "--surface-map", tmp_path / name)
+        assert code == 0 and "given map" in out, err
+
+
+@pytest.mark.parametrize(
+    "name, content, reason",
+    [
+        ("map.txt", "3\nfour\n", "line 2: a vertex number is expected, found 'four'"),
+        ("map.txt", "9999999\n", "names vertex 9999999 of the template, which has 6883"),
+        ("map.txt", "1\n2\n", "the surface map is of 2 vertices"),
+        ("map.png", "", "a surface map is .txt or .csv"),
+    ],
+)
+def test_maps_that_are_none(command, statue, tmp_path, name, content, reason):
+    (tmp_path / name).write_text(content)
+    code, _, err = command("rig", statue, "-o", tmp_path / "m.glb", "--surface-map", tmp_path / name)
+    assert code == 2 and reason in err and err.count("\n") == 1
+    assert not (tmp_path / "m.glb").exists()
+
+
+@pytest.mark.parametrize(
+    "arrays, reason",
+    [
+        ({"other": np.zeros(3)}, "holds neither 'map' nor 'corners' and 'weights'"),
+        ({"map": np.zeros((3, 2), dtype=int)}, "'map' must be one number for each vertex"),
+        ({"corners": np.zeros((3, 2), dtype=int), "weights": np.zeros((3, 2))}, "must be rows of three"),
+        ({"corners": np.zeros((3, 3), dtype=int), "weights": np.zeros((3, 3))}, "each row must sum to one"),
+    ],
+)
+def test_archives_that_are_no_maps(command, statue, tmp_path, arrays, reason):
+    np.savez(tmp_path / "map.npz", **arrays)
+    code, _, err = command("rig", statue, "-o", tmp_path / "m.glb", "--surface-map", tmp_path / "map.npz")
+    assert code == 2 and reason in err
+
+
+def test_what_is_no_body_is_one_line(command, tmp_path):
+    dog = write_obj(tmp_path / "dog.obj", quadruped())
+    code, out, err = command("rig", dog, "-o", tmp_path / "dog.glb")
+    assert code == 2 and not out and err.count("\n") == 1
+    assert "dog.obj: no body was found with certainty" in err and "--landmarks head=" in err
+    assert not (tmp_path / "dog.glb").exists()
+    walk = tmp_path / "walk.glb"
+    command("body", "-o", walk, "--preset", "thin", "--motion", "walk")
+    code, _, err = command("run", walk, dog, "-o", tmp_path / "dog.glb")
+    assert code == 2 and "no body was found" in err and not (tmp_path / "dog.glb").exists()
+
+
+def test_outputs_without_a_surface_are_refused(command, statue, tmp_path):
+    code, _, err = command("rig", statue, "-o", tmp_path / "x.bvh")
+    assert code == 2 and "holds no surface" in err
+
+
+def test_landmarks_are_read_in_either_spelling():
+    found = parse_landmarks("head=12, left_hand=1:2.5:-3,rightFoot=7")
+    assert found["head"] == 12 and found["rightFoot"] == 7
+    assert found["leftHand"].tolist() == [1.0, 2.5, -3.0]
+
+
+@pytest.mark.parametrize("text", ["head", "head=", "=3", "head=1:2", "head=a", "head=1:2:nan", "head=3,,"])
+def test_landmarks_that_are_none(text):
+    with pytest.raises(RetargetError, match="--landmarks takes NAME=VERTEX or NAME=X:Y:Z"):
+        parse_landmarks(text)
+
+
+def test_a_landmark_given_twice():
+    with pytest.raises(RetargetError, match="'head' is given twice"):
+        parse_landmarks("head=3,head=4")
