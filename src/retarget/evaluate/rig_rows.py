@@ -33,7 +33,6 @@ from retarget.evaluate.remeshed import TOUCHING
 from retarget.evaluate.rig_cases import RigCase
 from retarget.evaluate.rig_judge import (
     Truth,
-    dense_weights,
     judge_rest,
     judge_rig,
     main_weights,
@@ -67,7 +66,7 @@ def given_the_true_map(case: RigCase, truth: Truth) -> Iterator[dict[str, Any]]:
     """
     body, used = _body_of(case)
     mapped = _mapped(case, body, used)
-    template = _template_weights()
+    template = human_template().weights
     rows = {
         FUNCTION: mapped.by_function(template),
         POINTS: mapped.by_points(template),
@@ -94,11 +93,11 @@ def found_by_pyfm(case: RigCase) -> dict[str, Any]:
     near = cKDTree(case.mesh.vertices).query(vertices)[1]
     true, mirrored = (case.places.of(each)[near] for each in (rest, rest[human_model().mirror]))
     own = case.body[near]
-    weights = _template_weights()[cKDTree(rest).query(found[own])[1]]
+    weights = human_template().weights[cKDTree(rest).query(found[own])[1]]
     return {
         "method": PYFM,
         **map_figures(found[own], true[own], mirrored[own]),
-        **_weight_figures(case.places.of(_template_weights())[near[own]], weights),
+        **_weight_figures(case.places.of(human_template().weights)[near[own]], weights),
     }
 
 
@@ -150,11 +149,6 @@ def _for_all(case: RigCase, places: Places, used: Int[Array, "used"]) -> Places:
 def _template_basis() -> SpectralBasis:
     template = human_template()
     return spectral_basis(template.model.points, template.faces, FUNCTIONS)
-
-
-@lru_cache(maxsize=1)
-def _template_weights() -> Float[Array, "template joints"]:
-    return dense_weights(human_template().character)
 
 
 def _weight_figures(truth: Float[Array, "vertices joints"], result: Float[Array, "vertices joints"]) -> dict[str, Any]:
