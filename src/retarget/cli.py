@@ -333,7 +333,7 @@ app.command()(report)
 
 @app.command(epilog="\n\n".join(f"{key}: {sentence}." for key, sentence in FORMULAS.items()))
 def bench(
-    name: Annotated[str, typer.Argument(help="contact, interaction or skeletal")],
+    name: Annotated[str, typer.Argument(help="contact, formats, interaction, rig-transfer or skeletal")],
     quick: Annotated[bool, typer.Option("--quick", help="An honest subset in at most 45 s.")] = False,
     json_file: Annotated[
         Optional[Path], typer.Option("--json", help="Also write everything to this file.", show_default=False)
@@ -341,13 +341,16 @@ def bench(
     gate: Annotated[
         bool, typer.Option("--gate", help="Fail (exit code 1) where a figure is worse than the committed baseline.")
     ] = False,
+    pictures: Annotated[
+        Optional[Path], typer.Option(help="rig-transfer: write sheets of every rig to this folder.", show_default=False)
+    ] = None,
     verbose: Verbose = False,
 ) -> None:
     """Measure the methods on fixed cases, all in one run."""
     _listen(verbose)
     from retarget.commands_evaluate import run_bench
 
-    report = run_bench(name, quick, json_file, gate, progress=sys.stderr.isatty())
+    report = run_bench(name, quick, json_file, gate, sys.stderr.isatty(), pictures)
     _say(report, False)
     if report.get("regressions"):
         raise typer.Exit(1)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,8 @@ class Question:
     """The body of a source in .npz."""
 
 
+SHEET_ROWS, SHEET_CELL = 4, 360
+"""Rows of one sheet of a bench, and the height of a cell in pixels."""
 ROWS: tuple[tuple[str, tuple[tuple[str, str, str, float], ...]], ...] = (
     ("pose", (
         ("direction_error_deg", "limb direction, off the source's", "deg", 1.0),
@@ -266,24 +269,38 @@ def _number(value: float | None, factor: float) -> str:
 
 
 def run_bench(
-    name: str, quick: bool, json_file: Path | None, gate: bool = False, progress: bool = False
+    name: str,
+    quick: bool,
+    json_file: Path | None,
+    gate: bool = False,
+    progress: bool = False,
+    pictures: Path | None = None,
 ) -> dict[str, Any]:
-    """Run a bench and print its table; with `gate`, `regressions` lists what got worse than the committed baseline."""
+    """Run a bench and print its table; with `gate`, `regressions` lists what got worse than the committed baseline. Sheets
+    of what was made go to the folder `pictures`, for benches that have something to show."""
     import json
 
     from retarget.errors import unknown_name
-    from retarget.evaluate.benches import BENCHES, load_bench
+    from retarget.evaluate.benches import BENCHES, PICTURED, load_bench
     from retarget.evaluate.gate import bounds_of, regressions
 
     if name not in BENCHES:
         raise unknown_name("bench", name, BENCHES, "this version")
     if json_file is not None and not json_file.parent.is_dir():
         raise FileError(json_file, f"the folder {json_file.parent} does not exist")
+    if pictures is not None and name not in PICTURED:
+        raise RetargetError(f"the bench {name!r} has no pictures; {', '.join(PICTURED)} has")
+    if pictures is not None and not pictures.is_dir():
+        raise FileError(pictures, "is not a folder")
     bounds = bounds_of(name, quick) if gate else {}
     if gate and not bounds:
         raise RetargetError(f"the bench {name!r} has no committed baseline {'with' if quick else 'without'} --quick")
     with progress_line(progress) as tell:
-        report = load_bench(name).run(quick=quick, tell=tell)
+        if pictures is None:
+            report = load_bench(name).run(quick=quick, tell=tell)
+        else:
+            with _sheets(pictures, name) as show:
+                report = load_bench(name).run(quick=quick, tell=tell, show=show)
     if gate:
         worse = regressions(report["summary"], bounds)
         verdict = [f"{len(bounds)} figures within the baseline"] if not worse else ["worse than the baseline:", *worse]
@@ -292,3 +309,27 @@ def run_bench(
         with written_whole(json_file) as file:
             file.write(json.dumps({key: value for key, value in report.items() if key != "lines"}, indent=1).encode())
     return report
+
+
+@contextmanager
+def _sheets(folder: Path, name: str) -> Iterator[Callable[[Any], None]]:
+    """Rows drawn a few to a sheet, as they come: NAME-01.png and so on."""
+    from retarget.view.picture import Row, save_png, sheet
+
+    waiting: list[Row] = []
+    number = 0
+
+    def draw() -> None:
+        nonlocal number
+        number += 1
+        save_png(folder / f"{name}-{number:02}.png", sheet(waiting, SHEET_CELL))
+        waiting.clear()
+
+    def show(row: Any) -> None:
+        waiting.append(Row(row.label, row.mesh, row.vertices, row.captions))
+        if len(waiting) == SHEET_ROWS:
+            draw()
+
+    yield show
+    if waiting:
+        draw()

@@ -1,4 +1,7 @@
-"""Benches by name; each module has `run(quick, tell) -> report` with a flat `summary`, `rows`, `environment` and `lines`."""
+"""Benches by name; each module has `run(quick, tell) -> report` with a flat `summary`, `rows`, `environment` and `lines`.
+
+Those in `PICTURED` take `show` too: called with each row of a sheet (label, mesh, vertices, captions).
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,10 @@ BENCHES = {
     "contact": "retarget.evaluate.benches.contact",
     "formats": "retarget.evaluate.benches.formats",
     "interaction": "retarget.evaluate.benches.interaction",
+    "rig-transfer": "retarget.evaluate.benches.rig_transfer",
     "skeletal": "retarget.evaluate.benches.skeletal",
 }
+PICTURED = ("rig-transfer",)
 
 
 def load_bench(name: str) -> ModuleType:

@@ -1,7 +1,7 @@
 """What is measured, on plain numpy arrays: every figure exactly once, its formula, unit and source in its docstring and in
 one sentence in `formulas.py`.
 
-`skeletal` compares joints, `surface` vertices, `interaction` contacts and penetration, `rig` weights and rest joints.
+`skeletal` compares joints, `surface` vertices, `interaction` contacts and penetration, `rig` weights, joints, maps and rest shapes.
 `result` is what a method made, `truth` what it should have made (same body), `source` what it was made from.
 Lengths named cm or mm are quoted at a body height of 1.7 m, so that a child and a giant read alike; lengths in metres are
 as they are, as in the papers. A mean over nothing (no contact, too few frames) is nan: neither good nor bad.
@@ -21,7 +21,15 @@ from retarget.evaluate.metrics.interaction import (
     part_penetration_percent,
     penetration_percent,
 )
-from retarget.evaluate.metrics.rig import joint_error_cm, weight_mse_x100
+from retarget.evaluate.metrics.rig import (
+    flipped_percent,
+    joint_error_cm,
+    map_error_percent,
+    registration_mm,
+    rest_vertex_error_cm,
+    torn_percent,
+    weight_mse_x100,
+)
 from retarget.evaluate.metrics.skeletal import (
     MSE_DEFINITIONS,
     acc,
@@ -53,10 +61,12 @@ __all__ = [
     "end_effector_orientation_error_degrees",
     "end_effector_position_error_cm",
     "excess_penetration_percent",
+    "flipped_percent",
     "floor_error_cm",
     "foot_slide_cm",
     "jerk",
     "joint_error_cm",
+    "map_error_percent",
     "mdel",
     "mpjpe",
     "mpvd",
@@ -70,6 +80,9 @@ __all__ = [
     "penetration_percent",
     "position_error_cm",
     "procrustes",
+    "registration_mm",
+    "rest_vertex_error_cm",
+    "torn_percent",
     "volume_error_percent",
     "weight_mse_x100",
 ]
