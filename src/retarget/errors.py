@@ -12,7 +12,18 @@ from pathlib import Path
 
 
 class RetargetError(ValueError):
-    """Something the caller handed in cannot be used; the message says how to mend it."""
+    """Something the caller handed in cannot be used; the message says how to mend it.
+
+    The text is one line of characters that can be shown: names in files, and of files, may hold line ends and the codes by
+    which terminals are steered, which are written as escapes.
+
+    >>> str(RetargetError("no joint 'a\\n\\x1b[2J'"))
+    "no joint 'a\\\\n\\\\x1b[2J'"
+    """
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        return text if text.isprintable() else "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
 class FileError(RetargetError):

@@ -1,12 +1,9 @@
 """Draco: primitives are read as their plain twins are, the compressed data are written back, and damage is one line."""
 
-import json
-import os
 import random
 import struct
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +16,8 @@ from retarget.errors import FileError, RetargetError
 from retarget.io import gltf, gltf_draco
 from retarget.io.gltf_document import read_document
 
-HERE = Path(__file__).parent
-MUTATIONS = int(os.environ.get("RETARGET_MUTATIONS", 2000))
+FILES = 100
+"""Damaged ones, each with a child; `test_damaged_files.py` reads thousands."""
 
 
 def both(tmp_path, **options):
@@ -213,35 +210,13 @@ def faulty(piece, rng):
     return bytes(piece[: rng.randrange(1, len(piece))] if rng.random() < 0.1 else piece)
 
 
-def test_damaged_pieces_are_decoded_or_refused(tmp_path):
-    """Thousands through the child's own function, many to a process; those that bring it down are counted, not met here."""
-    packed = compressed(worm(), tmp_path / "plain.glb")
-    view = packed.json["bufferViews"][primitive(packed.json)["extensions"][EXTENSION]["bufferView"]]
-    piece, rng = bytes(packed.binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]), random.Random(4)
-    for number in range(MUTATIONS):
-        each = faulty(piece, rng)
-        (tmp_path / f"{number}.in").write_bytes(json.dumps([len(each)]).encode() + b"\n" + each)
-    first, done, fatal = 0, {"read": 0, "refused": 0}, 0
-    while first < MUTATIONS:
-        command = [sys.executable, HERE / "draco_many.py", tmp_path, str(first), str(MUTATIONS)]
-        run = subprocess.run(command, capture_output=True, text=True, timeout=60 + 0.2 * MUTATIONS)
-        told = [line for line in run.stdout.splitlines() if line in done]
-        for line in told:
-            done[line] += 1
-        first += len(told)
-        if first < MUTATIONS:
-            fatal, first = fatal + 1, first + 1
-    assert min(done.values()) > 0.02 * MUTATIONS, (done, fatal)
-    assert fatal < 0.05 * MUTATIONS, "the decoder goes down more often than it may"
-
-
 def test_damaged_files_are_read_or_refused(tmp_path):
     packed, rng = compressed(worm(), tmp_path / "plain.glb"), random.Random(5)
     raw = packed.glb(tmp_path / "draco.glb").read_bytes()
     view = packed.json["bufferViews"][primitive(packed.json)["extensions"][EXTENSION]["bufferView"]]
     start = 28 + struct.unpack_from("<I", raw, 12)[0] + view["byteOffset"]
     outcomes = {"read": 0, "refused": 0}
-    for _ in range(max(MUTATIONS // 20, 60)):
+    for _ in range(FILES):
         path = tmp_path / "bad.glb"
         piece = faulty(raw[start : start + view["byteLength"]], rng)
         path.write_bytes(raw[:start] + piece.ljust(view["byteLength"], b"\0") + raw[start + view["byteLength"] :])

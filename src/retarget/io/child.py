@@ -68,15 +68,24 @@ def run_child(module: str, arguments: Sequence[str | Path], seconds: float) -> A
 
     with tempfile.TemporaryDirectory(prefix="retarget-") as folder:
         reply = Path(folder) / "reply.json"
-        command = [sys.executable, "-I", "-c", START, PACKAGES, str(reply), module, *arguments]
-        kept = {name: value for name, value in os.environ.items() if not name.startswith(STEERING)}
-        run_program(command, seconds, kept | ONE_THREAD)
+        start(reply, module, arguments, seconds)
         found = _told(reply)
     if "refused" in found:
         raise Refused(found["refused"])
     if "failed" in found:
         raise ChildFailed(found["failed"])
     return found["told"]
+
+
+def _new_python(reply: Path, module: str, arguments: Sequence[str | Path], seconds: float) -> None:
+    """Let a new Python answer into `reply`."""
+    command = [sys.executable, "-I", "-c", START, PACKAGES, str(reply), module, *arguments]
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(STEERING)}
+    run_program(command, seconds, kept | ONE_THREAD)
+
+
+start = _new_python
+"""How children are started; `child_fork.py` has another way, for those who read thousands of files."""
 
 
 def _told(reply: Path) -> dict[str, Any]:
@@ -111,14 +120,13 @@ def run_program(command: Sequence[str | Path], seconds: float, environment: Mapp
                 code = process.wait(max(0.0, until - time.monotonic()))
             except subprocess.TimeoutExpired:
                 process.kill()
-                raise ChildTimeout(f"takes longer than {seconds:g} s; it is damaged, or larger than any we know") from None
+                raise too_late(seconds) from None
             except BaseException:  # the user's Ctrl-C, above all
                 process.kill()
                 raise
     if code:
         words = said.decode(errors="replace").strip().splitlines()
-        problem = words[-1].strip()[:500] if words else "the process stopped without a word"
-        raise ChildFailed(f"{problem} ({_end(code)})")
+        raise went_down(code, words[-1].strip()[:500] if words else "")
 
 
 def _last_words(process: Any, seconds: float) -> bytes:
@@ -141,6 +149,16 @@ def _last_words(process: Any, seconds: float) -> bytes:
     return bytes(kept)
 
 
+def too_late(seconds: float) -> ChildTimeout:
+    """The error of a process that was stopped after `seconds`."""
+    return ChildTimeout(f"takes longer than {seconds:g} s; it is damaged, or larger than any we know")
+
+
+def went_down(code: int, last_words: str = "") -> ChildFailed:
+    """The error of a process that ended with an exit code, or with a signal (below zero)."""
+    return ChildFailed(f"{last_words or 'the process stopped without a word'} ({_end(code)})")
+
+
 def _end(code: int) -> str:
     """A process's end in words: the signal that stopped it, or its exit code."""
     import signal
@@ -152,11 +170,17 @@ def _end(code: int) -> str:
 
 
 def answer(reply: str, module: str, *arguments: str) -> None:
-    """What runs in the child: do the work under limits, write what it tells into `reply`, and end the process.
-
-    The reply is one JSON object: `{"told": ...}`, `{"refused": a line}` or `{"failed": a line}`.
-    """
+    """What runs in the child: do the work under limits, write what it tells into `reply`, and end the process."""
     limit()
+    give(reply, module, *arguments)
+    os._exit(0)
+
+
+def give(reply: str, module: str, *arguments: str) -> None:
+    """Do the work and write what it tells into `reply`.
+
+    That is one JSON object: `{"told": ...}`, `{"refused": a line}` or `{"failed": a line}`.
+    """
     try:
         found = {"told": importlib.import_module(f"retarget.io.{module}").work(*arguments)}
         text = json.dumps(found)
@@ -167,7 +191,6 @@ def answer(reply: str, module: str, *arguments: str) -> None:
         text = json.dumps({"failed": kind + _one_line(error)})
     with open(reply, "w", encoding="utf-8") as file:
         file.write(text)
-    os._exit(0)
 
 
 def _one_line(error: Exception) -> str:

@@ -21,12 +21,11 @@ from retarget.character import Character, Motion
 from retarget.errors import RetargetError
 from retarget.evaluate.cases import REPOSITORY, real_files
 from retarget.evaluate.contact_cases import embedded_actor, foreign_actors
-from retarget.evaluate.damage import Outcomes, outcomes
+from retarget.evaluate.damage_run import Outcomes, outcomes
 from retarget.evaluate.environment import environment
 from retarget.evaluate.validator import errors_found
-from retarget.io import WRITTEN_SUFFIXES, load, save
+from retarget.io import READERS, WRITTEN_SUFFIXES, load, save
 from retarget.io.gltf_draft import Draft, write_files
-from retarget.io.obj_ply import save as save_surface
 from retarget.methods.copy_rotations import CopyRotations
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
@@ -42,13 +41,14 @@ BODIES, MOTIONS = ("heavy", "child"), ("wave", "walk")
 FRAMES = (0, 7, 20)
 """Frames on which the whole skin is compared."""
 DAMAGED, FEW = 2000, 200
-"""Damaged files of each format, and how many with `quick`."""
-SLOW = (".fbx", ".usda")
-"""Formats whose reading starts a process for each file: with `quick` a tenth as many."""
+"""Damaged files of each kind, and how many with `quick`."""
 KILLS = 20
 CLIPS, CHARACTERS = 20, ("Knight.glb", "mannequiny.glb", "Barbarian.glb")
 """Real clips and characters by which the speed of `retarget batch` is measured, on two processes."""
 BATCH_KILLS = REPOSITORY / "tests" / "batch_kills.py"
+SEEDS = REPOSITORY / "tests" / "damage_seeds.py"
+LARGEST_SEED = 100_000
+"""Bytes of a real file that is damaged."""
 BLENDER_READS = REPOSITORY / "tests" / "io" / "blender_reads_fbx.py"
 
 
@@ -75,12 +75,16 @@ def run(quick: bool = False, tell: Tell = untold) -> dict[str, Any]:
         "validated_files": 0 if errors is None else len(errors),
         "batch_clips_per_minute": batch.get("clips_per_minute"),
         "batch_lost": batch.get("batch_lost"),
-        "mutations": min(sum(vars(found).values()) for found in damage.values()),
+        "mutations": min(found.count for found in damage.values()),
         "crashes": sum(found.crashes for found in damage.values()),
         "hangs": sum(found.hangs for found in damage.values()),
     }
-    rows = [{"format": suffix, **vars(found)} for suffix, found in damage.items()]
-    lines = [f"{row['format']:8} read {row['read']:6} refused {row['refused']:6} crashes {row['crashes']} hangs {row['hangs']}" for row in rows]
+    rows = [{"format": kind, **vars(found)} for kind, found in damage.items()]
+    lines = [
+        f"{row['format']:8} read {row['read']:6} refused {row['refused']:6} (a parser went down {row['contained']:3}) crashes {row['crashes']} hangs {row['hangs']}"
+        for row in rows
+    ]
+    lines += [f"{kind} {fault}" for kind, found in damage.items() for fault in found.faults]
     lines += ["", *(f"{key:36} {'-' if value is None else f'{value:.4g}'}" for key, value in summary.items())]
     return {
         "bench": "formats", "quick": quick, "environment": environment() | {"seeds": {"damage": SEED}}, "summary": summary,
@@ -198,31 +202,15 @@ def _from_blender(path: Path, asset, python: str, folder: Path) -> float | None:
 
 
 def _damage(folder: Path, quick: bool, tell: Tell) -> Iterator[tuple[str, Outcomes]]:
-    """What damaged files of every format come to."""
-    body, motion = embedded_actor("child").character, cut(embedded_motion("wave"), 0.0, 0.2)
-    for suffix in (".bvh", ".glb", ".gltf", ".vrm", ".npz", ".obj", ".ply", *SLOW):
-        own = folder / f"damaged{suffix[1:]}"
-        own.mkdir()
-        seed = own / f"seed{suffix}"  # with what lies beside it
-        tell(f"damaged {suffix} files")
-        try:
-            if suffix in (".obj", ".ply"):
-                save_surface(seed, body.mesh)
-            elif suffix == ".vrm":
-                seed = _avatar(own)
-            elif suffix == ".npz":
-                np.savez(seed, poses=np.full((6, 156), 0.1), trans=np.zeros((6, 3)), gender="male", mocap_framerate=30.0)
-            else:
-                save(seed, body, [motion])
-        except RetargetError:  # a program that writes it is not at hand: a real file, or none
-            found = next(real_files(suffix), None)
-            if found is None:
-                continue
-            seed = found
-        count = DAMAGED if not quick else FEW // 10 if suffix in SLOW else FEW
-        yield suffix, outcomes([seed], count, own, SEED)
-        for each in own.iterdir():
-            each.unlink()
+    """What damaged files of every kind come to."""
+    seeds = folder / "seeds"
+    real = [path for path in real_files(".fbx", ".usdz") if path.stat().st_size < LARGEST_SEED]
+    made = subprocess.run([sys.executable, str(SEEDS), str(seeds), *map(str, real[:2])], capture_output=True, text=True)
+    made.check_returncode()
+    for kind in made.stdout.split():
+        tell(f"damaged files: {kind}")
+        paths = sorted(path for path in (seeds / kind).iterdir() if path.suffix in READERS)
+        yield kind, outcomes(paths, FEW if quick else DAMAGED, str(SEED))
 
 
 def _batch(folder: Path, tell: Tell) -> dict[str, float | None]:
