@@ -63,6 +63,9 @@ def main() -> None:
     except RetargetError as error:
         print(f"retarget: {error}", file=sys.stderr)
         sys.exit(2)
+    except MemoryError:
+        print("retarget: this needs more memory than there is", file=sys.stderr)
+        sys.exit(2)
     except SystemExit as leaving:
         if leaving.code == INTERRUPTED:  # typer makes it of Ctrl-C, without a word
             print("retarget: interrupted", file=sys.stderr)

@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from retarget.character import Mesh
 from retarget.evaluate import damage_run
 from retarget.evaluate.damage import WAYS, damage, damaged_glb, damaged_json, damaged_text, damaged_zip
+from retarget.io import load
 from retarget.io.obj_ply import save
 
 
@@ -84,10 +86,11 @@ def test_damaged_text_changes_words_and_lines():
 
 READER = """
 import sys, time, os
-asked = dict(zip(sys.argv[1::2], sys.argv[2::2]))
 first, count = int(sys.argv[sys.argv.index("--first") + 1]), int(sys.argv[sys.argv.index("--count") + 1])
 for number in range(first, first + count):
-    if number == 2: os._exit(9)
+    if number == 2:
+        open(os.path.join(os.path.dirname(sys.argv[-1]), f"damaged-{os.getpid()}-2.obj"), "w").close()
+        os._exit(9)
     if number == 4: time.sleep(30)
     print({1: "raised KeyError", 3: "contained", 5: "refused"}.get(number, "read"), flush=True)
 """
@@ -105,6 +108,7 @@ def test_readers_that_fail_are_counted(seed, tmp_path, monkeypatch):
     )
     found = damage_run.outcomes([seed], 7)
     assert (found.read, found.refused, found.contained, found.crashes, found.hangs) == (2, 2, 1, 2, 1)
+    assert not list(tmp_path.glob("damaged*"))
     assert found.faults == ("1: raised KeyError", "2: its process went down", "4: hangs")
 
 
@@ -122,6 +126,20 @@ def test_what_is_no_retarget_error_is_told_with_its_place(seed, monkeypatch, err
     monkeypatch.setattr("retarget.io.load", load)
     told = damage_run.read(seed)
     assert told.startswith(word) and "test_damage.py, line" in told and "\n" not in told
+
+
+def test_a_small_file_that_fills_the_memory_is_a_fault(seed, monkeypatch):
+    def greedy(path):
+        raise MemoryError
+
+    monkeypatch.setattr("retarget.io.obj_ply.load", greedy)
+    assert damage_run.read(seed) == "wanted more memory than a small file can need"
+
+
+def test_what_is_no_line_is_a_fault(seed, monkeypatch):
+    asset = load(seed)
+    monkeypatch.setattr("retarget.io.load", lambda path: replace(asset, notes=("a\nb",)))
+    assert damage_run.read(seed) == "noted what is no line: ('a\\nb',)"
 
 
 def test_the_command_counts_keeps_and_refuses(seed, tmp_path):

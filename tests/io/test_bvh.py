@@ -9,7 +9,7 @@ from file_faults import mutated
 from retarget.body import rotations as rot
 from retarget.body.kinematics import world_pose
 from retarget.errors import FileError, RetargetError
-from retarget.io import bvh
+from retarget.io import bvh, bvh_hierarchy
 
 WALK = """HIERARCHY
 ROOT Hips
@@ -229,6 +229,7 @@ REJECTED = {
     "negative frames": (swap("Frames: 2", "Frames: -2"), "line 22: the number of frames must be"),
     "no frame": (swap("Frames: 2", "Frames: 0"), "line 22: there is no frame"),
     "frame time zero": (swap("0.041667", "0"), "line 23: the frame time must be a positive"),
+    "frame time behind a wide space": (swap("0.041667", "\xa00.041667"), "line 23: the frame time must be a positive"),
     "frame time words": (swap("0.041667", "fast"), "line 23: the frame time must be .* 'fast'"),
     "frame time nan": (swap("0.041667", "nan"), "line 23: the frame time must be a positive"),
     "a million frames": (swap("Frames: 2", "Frames: 1000000"), "declares 1000000 frames and ends after 2"),
@@ -294,6 +295,14 @@ def test_nesting_of_any_depth(read):
     text = "HIERARCHY\nROOT r\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n"
     text += "".join(f"JOINT {i}\n{{\nOFFSET 0 1 0\n" for i in range(depth)) + "}\n" * (depth + 1)
     assert len(read(text).character.skeleton) == depth + 1
+
+
+def test_more_joints_than_any_skeleton_are_refused_soon(read, monkeypatch):
+    monkeypatch.setattr(bvh_hierarchy, "MOST_JOINTS", 2)
+    text = "HIERARCHY\nROOT r\n{\nOFFSET 0 0 0\nJOINT a\n{\nOFFSET 0 1 0\n%s}\n}\n"
+    assert len(read(text % "").character.skeleton) == 2
+    with pytest.raises(FileError, match="line 8: more than 2 joints; this is no skeleton"):
+        read(text % "JOINT b\n{\nOFFSET 0 1 0\n}\n")
 
 
 WORDS = [b"{", b"}", b"MOTION", b"ROOT", b"JOINT", b"End"]

@@ -31,6 +31,7 @@ def test_what_the_work_tells_comes_back_with_its_arguments_as_text(own_child):
         ("def nothing(): pass", ChildFailed, "AttributeError: module 'retarget.io.own' has no attribute 'work'"),
         ("def work(): return 'x' * 2000", ChildFailed, "it told more than 1000 bytes"),
         ("import os, sys\nsys.stderr.write('first\\nlast words\\n')\nos._exit(7)", ChildFailed, "last words (exit code 7)"),
+        ("import os, sys\nsys.stderr.write('why\\n####\\n# a banner #\\n####\\n')\nos._exit(7)", ChildFailed, "why (exit code 7)"),
         ("import os\nos._exit(9)", ChildFailed, "the process stopped without a word (exit code 9)"),
         ("import os\nos._exit(0)", ChildFailed, "the process stopped in the middle of its answer"),
         ("import os, sys\nopen(sys.argv[2], 'w').write('{')\nos._exit(0)", ChildFailed, "the process stopped in the middle of its answer"),

@@ -55,6 +55,11 @@ def drop(*keys):
     return change
 
 
+def test_more_joints_than_any_skeleton_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(gltf, "MOST_JOINTS", 2)
+    refused(worm().glb(tmp_path / "bad.glb"), "has 3 joints, more than 2; this is no skeleton")
+
+
 DAMAGED_JSON = {
     "accessor out of range": (put("meshes", 0, "primitives", 0, "attributes", "POSITION", 99), "names number 99 of"),
     "negative index": (put("nodes", 0, "children", [-1]), "nodes[0].children[0]"),

@@ -1,6 +1,7 @@
 """Mesh sequences: folders of frames and glTF morph targets, out and in again."""
 
 import json
+import struct
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from made_motions import actor
 from retarget.body.skinning import bake
 from retarget.character import Mesh, MeshMotion
 from retarget.errors import FileError, RetargetError
-from retarget.io import load, save_sequence
+from retarget.io import gltf_morph, load, save_sequence
 from retarget.io.mesh_folder import natural
 from retarget.io.obj_ply import save as save_surface
 from retarget.motion.filter import cut
@@ -134,14 +135,24 @@ def test_what_cannot_be_written(tmp_path):
 
 @pytest.mark.parametrize(
     ("fault", "said"),
-    [("weights", "weights for 12 keys of 11 morph targets"), ("target", "a morph target has 3 vertices for 4")],
+    [
+        ("weights", "weights for 12 keys of 11 morph targets"), ("target", "a morph target has 3 vertices for 4"),
+        ("years", "the sequence claims 1e\\+08 seconds, more than its data can fill"),
+        ("large", "the sequence has 12 frames of 4 vertices; up to 100 bytes of them are read"),
+    ],
 )
-def test_faulty_morphs_are_told(tmp_path, fault, said):
+def test_faulty_morphs_are_told(tmp_path, monkeypatch, fault, said):
+    monkeypatch.setattr(gltf_morph, "LARGEST", 100 if fault == "large" else gltf_morph.LARGEST)
     save_sequence(tmp_path / "lift.gltf", quad())
     text = json.loads((tmp_path / "lift.gltf").read_text())
     if fault == "weights":
         text["accessors"][text["animations"][0]["samplers"][0]["output"]]["count"] -= 1
-    else:
+    elif fault == "years":
+        view = text["bufferViews"][text["accessors"][text["animations"][0]["samplers"][0]["input"]]["bufferView"]]
+        raw = bytearray((tmp_path / text["buffers"][0]["uri"]).read_bytes())
+        struct.pack_into("<12f", raw, view["byteOffset"], *range(11), 1e8)
+        (tmp_path / text["buffers"][0]["uri"]).write_bytes(raw)
+    elif fault == "target":
         text["accessors"][text["meshes"][0]["primitives"][0]["targets"][2]["POSITION"]]["count"] = 3
     (tmp_path / "lift.gltf").write_text(json.dumps(text))
     with pytest.raises(FileError, match=said):

@@ -97,6 +97,8 @@ def _read_on(seeds: Sequence[Path], name: str, first: int, stop: int) -> tuple[l
             timer.start()
         timer.cancel()
         _end(process)
+    for left in {path for seed in seeds for path in seed.parent.glob(f"damaged-{process.pid}-*")}:
+        left.unlink()
     return said, hung.is_set()
 
 
@@ -152,6 +154,8 @@ def read(path: Path) -> str:
             return f"noted what is no line: {asset.notes!r}"
         return "read"
     except RetargetError as error:
+        if isinstance(error.__context__, MemoryError):
+            return "wanted more memory than a small file can need"
         if not str(error).isprintable():
             return f"said what is no line: {str(error)!r}"
         return "contained" if "(SIG" in str(error) or "(exit code" in str(error) else "refused"

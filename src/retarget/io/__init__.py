@@ -53,11 +53,24 @@ DROPPING_CLIPS = (".glb", ".gltf", ".vrm", ".usd", ".usda", ".usdc", ".usdz")
 
 
 def load(path: str | Path, *, smpl_model: str | Path | None = None) -> Asset:
-    """Read any supported file. Raises `FileError` naming the file, the place and the cure.
+    """Read any supported file. Raises `FileError` naming the file, the place and the cure, one that does not fit into the memory too.
 
     `smpl_model` is the body that performs an SMPL-family motion (.npz): the user's own model file.
     """
     path = Path(path)
+    try:
+        return _read(path, smpl_model)
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+    except MemoryError:
+        raise FileError(path, "needs more memory than there is") from None
+    except FileError:
+        raise
+    except RetargetError as error:  # a noun refused what the file holds
+        raise FileError(path, str(error)) from None
+
+
+def _read(path: Path, smpl_model: str | Path | None) -> Asset:
     suffix = path.suffix.lower()
     if not path.exists():
         raise FileError(path, "no such file")
@@ -72,14 +85,7 @@ def load(path: str | Path, *, smpl_model: str | Path | None = None) -> Asset:
     if not path.is_file():
         raise FileError(path, "is not a file")
     options = {} if smpl_model is None else {"smpl_model": smpl_model}
-    try:
-        return importlib.import_module(READERS[suffix]).load(path, **options)
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from None
-    except FileError:
-        raise
-    except RetargetError as error:  # a noun refused what the file holds
-        raise FileError(path, str(error)) from None
+    return importlib.import_module(READERS[suffix]).load(path, **options)
 
 
 def save(

@@ -9,6 +9,9 @@ from pathlib import Path
 from retarget.character import Character, Mesh, MeshMotion, Motion, PointCloud, Provenance
 from retarget.errors import FileError, unknown_name
 
+MOST_JOINTS = 20_000
+"""Joints of a file that is read: more are no skeleton, and would keep everyone busy for minutes."""
+
 
 @dataclass(frozen=True)
 class Convention:

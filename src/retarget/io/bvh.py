@@ -121,6 +121,8 @@ def _read_header(path: Path, file: BinaryIO, lines: Iterator[tuple[int, bytes]])
         raise FileError(path, "there is no frame (Frames: 0); a skeleton alone ends before MOTION", f"line {line}")
     line, printed = _header_value(path, lines, rb"\s*frame\s*time\s*:?\s*(\S+)\s*", "Frame Time: SECONDS")
     try:
+        if number(printed) is None:  # spaces of other codes are none to `float`, but would be to what follows
+            raise ValueError
         fps = frames_per_second(printed[:64].decode("latin-1"))
     except ValueError:
         problem = f"the frame time must be a positive number of seconds, received {shown(printed)}"

@@ -12,6 +12,7 @@ import numpy as np
 
 from retarget.character import Skeleton
 from retarget.errors import FileError
+from retarget.io.asset import MOST_JOINTS
 from retarget.io.decimal_text import number, shown
 
 LONGEST_LINE = 1 << 16
@@ -113,6 +114,8 @@ class _Builder:
     def add(self, name: bytes, parent: int) -> None:
         if not name:
             raise self.fault("a joint without a name")
+        if len(self.names) == MOST_JOINTS:
+            raise self.fault(f"more than {MOST_JOINTS} joints; this is no skeleton")
         self.opening = len(self.names)
         self.names.append(name)
         self.parents.append(parent)

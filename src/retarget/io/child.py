@@ -125,7 +125,8 @@ def run_program(command: Sequence[str | Path], seconds: float, environment: Mapp
                 process.kill()
                 raise
     if code:
-        words = said.decode(errors="replace").strip().splitlines()
+        lines = said.decode(errors="replace").strip().splitlines()
+        words = [line for line in lines if not line.startswith("#")]  # USD tells within such what threads it was allowed
         raise went_down(code, words[-1].strip()[:500] if words else "")
 
 
@@ -176,13 +177,17 @@ def answer(reply: str, module: str, *arguments: str) -> None:
     os._exit(0)
 
 
-def give(reply: str, module: str, *arguments: str) -> None:
+def give(reply: str, module: str, *arguments: str, limited: bool = True) -> None:
     """Do the work and write what it tells into `reply`.
 
-    That is one JSON object: `{"told": ...}`, `{"refused": a line}` or `{"failed": a line}`.
+    That is one JSON object: `{"told": ...}`, `{"refused": a line}` or `{"failed": a line}`. Where the module has a function
+    `memory`, the work is `limited` to the bytes that this allows for its arguments, if they are fewer than `MEMORY`.
     """
     try:
-        found = {"told": importlib.import_module(f"retarget.io.{module}").work(*arguments)}
+        loaded = importlib.import_module(f"retarget.io.{module}")
+        if limited and hasattr(loaded, "memory"):
+            _limit_memory(loaded.memory(*arguments))
+        found = {"told": loaded.work(*arguments)}
         text = json.dumps(found)
     except Refused as refusal:
         text = json.dumps({"refused": _one_line(refusal)})
@@ -208,3 +213,13 @@ def limit() -> None:
             resource.setrlimit(kind, (most, most))
         except (ValueError, OSError):
             continue  # a stricter limit is in force already
+
+
+def _limit_memory(most: int) -> None:
+    """A limit within the one in force, which may be raised again for the next work."""
+    try:
+        import resource
+    except ImportError:
+        return
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))

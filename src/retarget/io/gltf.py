@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from retarget.character import Character
-from retarget.io.asset import Asset, Convention
+from retarget.io.asset import MOST_JOINTS, Asset, Convention
 from retarget.io.gltf_bind import read_bindings, rest_skeleton
 from retarget.io.gltf_clips import list_clips, moving_nodes, read_motion, scaling_joints
 from retarget.io.gltf_document import Document, read_document
@@ -54,6 +54,8 @@ def from_document(document: Document) -> Asset:
     in_skins = {node for skin in document.entries("skins") for node in skin["joints"]}
     moving = moving_nodes(document, animated_nodes(document) - in_skins)
     nodes = joint_nodes(document, tree, moving | set(bones.nodes.values() if bones else ()))
+    if len(nodes) > MOST_JOINTS:
+        raise document.fail(f"has {len(nodes)} joints, more than {MOST_JOINTS}; this is no skeleton")
     if nodes:
         asset = _skeletal(document, tree, nodes)
         asset = replace(asset, notes=(*document.notes, *asset.notes))

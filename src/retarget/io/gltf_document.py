@@ -26,6 +26,8 @@ MAGIC, JSON_CHUNK, BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 DTYPES = {code: np.dtype(name) for code, name in
           {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}.items()}  # fmt: skip
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+LARGEST = (1 << 32) - 1
+"""Bytes of a file that is read: a GLB tells its length in four bytes."""
 # What any file may unfold to in memory (elements of an accessor without data, vertices, frames times joints); beyond
 # that, as many as the file has bytes of data. A small file cannot fill the memory by naming the same data many times.
 ROOM = 4_000_000
@@ -198,6 +200,9 @@ class Document:
 def read_document(path: Path) -> Document:
     """Parse a .glb or .gltf with everything it refers to. Raises `FileError` naming the place of the first fault."""
     try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise FileError(path, f"has {size} bytes; a GLB can have {LARGEST}, and more is not read")
         data = path.read_bytes()
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None

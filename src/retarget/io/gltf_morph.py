@@ -21,6 +21,8 @@ Array = np.ndarray
 
 LARGEST = 1 << 31
 """Bytes of vertices that are held at most."""
+BLOCK = 1 << 22
+"""Numbers that are worked on at a time: in double precision all frames would take several times the memory."""
 VERTEX_DATA = 34962
 
 
@@ -35,7 +37,8 @@ def animates_weights(document: Document) -> bool:
 
 def read_sequence(document: Document, tree: NodeTree, mesh: Mesh) -> MeshMotion | None:
     """The first animation of morph targets, sampled on an even grid; None where the mesh that moves is not the whole
-    surface, whose places in the world `mesh` holds, with targets that all its primitives share."""
+    surface, whose places in the world `mesh` holds, with targets that all its primitives share. Raises `FileError` for keys
+    that claim more frames than can be held, and for weights and targets of other numbers."""
     animation, channel = next(
         (animation, channel)
         for animation in document.entries("animations")
@@ -56,18 +59,27 @@ def read_sequence(document: Document, tree: NodeTree, mesh: Mesh) -> MeshMotion 
     sampler = animation["samplers"][channel["sampler"]]
     times = key_times(document, sampler["input"])
     grid = timeline(times)
+    if grid.frames * len(targets) > document.room:
+        problem = f"the sequence claims {grid.frames / grid.fps:.3g} seconds, more than its data can fill"
+        raise document.fail(problem, f"accessors[{sampler['input']}]")
+    if 12 * len(mesh.vertices) * grid.frames > LARGEST:
+        problem = f"the sequence has {grid.frames} frames of {len(mesh.vertices)} vertices; up to {LARGEST} bytes of them are read"
+        raise document.fail(problem, f"accessors[{sampler['input']}]")
     weights = _weights(document, sampler, times, grid.times, len(targets))
     base = document.floats(primitives[0]["attributes"]["POSITION"], ("VEC3",))
-    if len(base) != len(mesh.vertices) or 12 * len(base) * max(grid.frames, 2 * len(targets)) > LARGEST:
+    if len(base) != len(mesh.vertices) or 12 * len(base) * 2 * len(targets) > LARGEST:
         return None
     moves = [document.floats(target, ("VEC3",)) for target in targets]
     for target, move in zip(targets, moves):
         if len(move) != len(base):
             raise document.fail(f"a morph target has {len(move)} vertices for {len(base)}", f"accessors[{target}]")
     world = tree.world[node]
-    places = base + np.tensordot(weights, np.stack(moves), axes=1)
-    places = places @ world[:3, :3].T + world[:3, 3]
-    return MeshMotion(mesh, places.astype(np.float32), grid.fps, animation.get("name") or document.path.stem)
+    moves, places = np.stack(moves), np.empty((grid.frames, *base.shape), np.float32)
+    block = max(1, BLOCK // base.size)
+    for start in range(0, grid.frames, block):
+        moved = base + np.tensordot(weights[start : start + block], moves, axes=1)
+        places[start : start + block] = moved @ world[:3, :3].T + world[:3, 3]
+    return MeshMotion(mesh, places, grid.fps, animation.get("name") or document.path.stem)
 
 
 def _weights(

@@ -38,6 +38,8 @@ PASSED_OVER = {
 }
 PASSED_OVER = {word: name.decode() for name, words in PASSED_OVER.items() for word in words.split()}
 
+LONGEST_LINE = 1 << 24
+"""Characters; a face of a million corners."""
 BLOCK = 1 << 14
 """Vertices or faces turned into text at a time."""
 
@@ -190,15 +192,19 @@ class _Obj:
 
 def _read_obj(path: Path, file: BinaryIO) -> tuple[Mesh | PointCloud, tuple[str, ...]]:
     obj = _Obj(path)
-    for obj.line, words in _statements(file):
+    for obj.line, words in _statements(path, file):
         obj.take(words)
     return obj.surface()
 
 
-def _statements(file: BinaryIO) -> Iterator[tuple[int, list[bytes]]]:
-    """The words of each line that has any, without comments; a backslash at the end joins the next line."""
+def _statements(path: Path, file: BinaryIO) -> Iterator[tuple[int, list[bytes]]]:
+    """The words of each line that has any, without comments; a backslash at the end joins the next line.
+    Raises `FileError` for a line longer than any."""
     start, joined = 0, []
-    for line, text in enumerate(file, 1):
+    lines = iter(lambda: file.readline(LONGEST_LINE), b"")
+    for line, text in enumerate(lines, 1):
+        if len(text) == LONGEST_LINE:
+            raise FileError(path, f"a line of more than {LONGEST_LINE} characters; this is no OBJ file", f"line {line}")
         if line == 1:
             text = text.removeprefix(b"\xef\xbb\xbf")
         start = start or line

@@ -18,7 +18,7 @@ import numpy as np
 from retarget.io.child import Refused
 from retarget.io.glb import Glb
 from retarget.io.usd_clips import add_clips
-from retarget.io.usd_layers import home_of, in_plain_words, open_stage, prims_of
+from retarget.io.usd_layers import home_of, in_plain_words, open_stage, prims_of, size_within
 from retarget.io.usd_looks import Looks
 from retarget.io.usd_points import add_meshes
 from retarget.io.usd_surface import bindings_of, skinned_meshes
@@ -26,6 +26,9 @@ from retarget.io.usd_transforms import decomposed, placement
 
 FROM_Z_UP = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]
 MOST_JOINTS = 20_000
+MEMORY, MEMORY_A_BYTE = 2 << 30, 16
+"""Bytes that the work may take, and how many more for each byte of what it may read. A damaged count is met only when the
+memory is full, and to fill all that a child may have takes ten seconds."""
 
 
 @dataclass
@@ -45,6 +48,11 @@ class Bones:
     """The GLB's node of each joint."""
     node: int = 0
     """The GLB's node of the skeleton itself."""
+
+
+def memory(source: str, *_: str) -> int:
+    """Bytes of memory for reading a file, with all layers that it may refer to."""
+    return MEMORY + MEMORY_A_BYTE * size_within(source)
 
 
 def work(source: str, output: str) -> dict[str, Any]:

@@ -53,6 +53,20 @@ def home_of(source: str) -> str:
     return os.path.realpath(source if source.lower().endswith(".usdz") else os.path.dirname(source))
 
 
+def size_within(source: str) -> int:
+    """Bytes of all USD files that a file may reach, itself among them."""
+    home = home_of(source)
+    if os.path.isfile(home):
+        return os.path.getsize(home)
+    found = 0
+    for number, (folder, _, names) in enumerate(os.walk(home)):
+        paths = [os.path.join(folder, name) for name in names if name.lower().endswith(SUFFIXES)]
+        found += sum(os.path.getsize(path) for path in paths if os.path.isfile(path))
+        if number == MOST_LAYERS:
+            break
+    return found
+
+
 def check_layers(source: str) -> tuple[list[str], bool]:
     """Missing layers of all that the file refers to, and whether it refers to any. Raises `Refused` for one outside."""
     from pxr import Sdf
