@@ -24,7 +24,9 @@ from retarget.io.timeline import Timeline
 
 CHILD = Path(__file__).with_name("alembic_child.py")
 LARGEST = 1 << 31
-"""Bytes of vertices that are held at most, and of a file that is tried."""
+"""Bytes of vertices that are held at most."""
+LARGEST_FILE = 1 << 31
+"""Bytes of a file that is tried."""
 LAST_FRAME = 1_048_574
 """Blender counts no further."""
 CACHE = "POINTCACHE2"
@@ -40,8 +42,8 @@ def load(path: str | Path) -> Asset:
     """
     path = Path(path)
     size = path.stat().st_size
-    if size > LARGEST:
-        raise FileError(path, f"has {size} bytes; Alembic files of up to {LARGEST} are read")
+    if size > LARGEST_FILE:
+        raise FileError(path, f"has {size} bytes; Alembic files of up to {LARGEST_FILE} are read")
     archive = read_archive(path)
     grid, notes = _grid(path, archive)
     with tempfile.TemporaryDirectory(prefix="retarget-") as name:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -30,6 +30,7 @@ LARGEST_DATA = 16 << 20
 ACYCLIC = np.finfo(np.float64).max / 32.0
 """Seconds a cycle that stand for none: each sample has its own time."""
 MOST_SAMPLES = 1_000_000
+ENOUGH_CYCLES = 1000
 RATES = (0.01, 10_000.0)
 """Frames a second that are believed."""
 DATE = b"_ai_DateWritten="
@@ -56,8 +57,11 @@ class Sampling:
             return Timeline(float(self.times[0]), usual, self.count)
         if self.cycle >= ACYCLIC:
             return timeline(self.times[: self.count])
-        cycles = np.arange(-(-self.count // len(self.times)))[:, None] * self.cycle
-        return timeline((cycles + self.times).reshape(-1)[: self.count])
+        whole, rest = divmod(self.count - 1, len(self.times))
+        last = whole * self.cycle + self.times[rest]
+        first_cycles = np.arange(min(whole + 1, ENOUGH_CYCLES))[:, None] * self.cycle  # they show the rate of all
+        grid = timeline((first_cycles + self.times).reshape(-1)[: self.count])
+        return replace(grid, frames=int(np.ceil((last - grid.start) * grid.fps - 0.02)) + 1)
 
 
 @dataclass(frozen=True, eq=False)
