@@ -54,6 +54,7 @@ def cast(subject: str | Path | Asset | Character, hints: Hints | None = None, mo
         character, convention = subject, Convention(1.0, "+y")
     else:
         asset = open_asset(subject)
+        asset.expect_joints()
         if asset.character is None:
             problem = f"holds a {asset.kind} without skeleton; a rigged character (glTF with a skin) or a BVH is needed"
             raise FileError(asset.path, problem)
