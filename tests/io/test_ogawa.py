@@ -39,6 +39,8 @@ def test_samples_with_times_of_their_own_and_in_cycles(made):
     own, cyclic = (read_archive(made(container(each))).moving()[0] for each in (sampling(4, ACYCLIC, *times), sampling(5, 1 / 12, 1.0, 1.0 + 1 / 24)))
     assert (own.fps, own.frames, own.start) == (24.0, 5, 0.0)
     assert (cyclic.fps, cyclic.frames, cyclic.start) == (24.0, 5, 1.0)
+    (between,) = read_archive(made(container(sampling(4, 1 / 16, 0.0, 1 / 24)))).moving()
+    assert (between.fps, between.frames) == (48.0, 6), "the second cycle lies between the frames of the first"
     (long,) = read_archive(made(container(sampling(99_998, 1 / 12, 0.0, 1 / 24)))).moving()
     assert (long.fps, long.frames) == (24.0, 99_998)
 

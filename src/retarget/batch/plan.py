@@ -104,9 +104,7 @@ def content_hash(path: Path, beside: Sequence[Path] = ()) -> str:
 
     files = [path.parent / name for name in _names(path, beside)]
     hashes = [file_hash(file) if os.path.isfile(file) else "" for file in files]
-    if len(files) > 1:
-        hashes += [" ".join(_names(path, beside)[1:])]
-    return hashlib.sha256("\n".join(hashes).encode(errors="surrogatepass")).hexdigest()
+    return hashlib.sha256("\n".join(hashes).encode()).hexdigest()
 
 
 def _names(path: Path, beside: Sequence[Path]) -> list[str]:

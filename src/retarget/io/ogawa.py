@@ -55,8 +55,6 @@ class Sampling:
             rate = 1.0 / self.cycle
             usual = next((each for each in USUAL_RATES if abs(each - rate) < 5e-7 * rate), round(rate, 5))
             return Timeline(float(self.times[0]), usual, self.count)
-        if self.cycle >= ACYCLIC:
-            return timeline(self.times[: self.count])
         whole, rest = divmod(self.count - 1, len(self.times))
         last = whole * self.cycle + self.times[rest]
         first_cycles = np.arange(min(whole + 1, ENOUGH_CYCLES))[:, None] * self.cycle  # they show the rate of all
