@@ -18,7 +18,7 @@ import numpy as np
 from retarget.character import Mesh, MeshMotion
 from retarget.errors import FileError
 from retarget.io.asset import Asset, Convention
-from retarget.io.blender import blender, keep, run_blender
+from retarget.io.blender import keep, run_blender
 from retarget.io.ogawa import RATES, Archive, read_archive
 from retarget.io.timeline import Timeline
 
@@ -107,7 +107,6 @@ def save(path: str | Path, motion: MeshMotion) -> None:
         raise FileError(path, f"{len(motion)} frames of {motion.vertices.shape[1]} vertices are more than an Alembic file is given here")
     if not RATES[0] <= motion.fps <= RATES[1]:
         raise FileError(path, f"{motion.fps:g} frames a second cannot be written; {RATES[0]:g} to {RATES[1]:g} can")
-    blender(path, CHILD)
     with tempfile.TemporaryDirectory(prefix="retarget-") as name:
         folder = Path(name)
         files = {key: str(folder / key) for key in ("points", "faces", "cache", "reply")} | {"file": str(folder / "made.abc")}

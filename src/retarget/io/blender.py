@@ -52,7 +52,6 @@ def save(
     rates = {motion.fps for motion in motions}
     if len(rates) > 1:
         raise FileError(path, f"clips of one file have one frame rate here, received {', '.join(f'{r:g}' for r in sorted(rates))}; bring them to one (--fps), or choose one clip (--clip)")
-    blender(path)
     with tempfile.TemporaryDirectory(prefix="retarget-") as folder:
         source, output = Path(folder) / "from.glb", Path(folder) / f"to.{kind}"
         named = [replace(motion, name=f"{CLIP}{number}") for number, motion in enumerate(motions)]
