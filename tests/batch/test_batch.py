@@ -50,8 +50,8 @@ def test_every_clip_is_put_onto_every_character(made):
     assert sorted(contents(made / "out")) == NAMES
     asset = load(made / "out" / "heavy" / "sub" / "two" / "two_2.glb")
     assert [(clip.name, clip.frames) for clip in asset.clips] == [("two|2", 25)] and asset.kind == "character"
-    order = [record["done"][0] for record in records(made / "out") if record["done"][2] == "child.glb"]
-    assert order == ["sub/two.glb", "sub/two.glb", "walk2.bvh", "walk10.bvh"]
+    finished = [record["done"][0] for record in records(made / "out") if record["done"][2] == "child.glb"]
+    assert sorted(finished) == ["sub/two.glb", "sub/two.glb", "walk10.bvh", "walk2.bvh"]  # two workers: in any order
 
 
 def test_the_results_are_those_of_run(made, tmp_path, command):
