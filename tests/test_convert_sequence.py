@@ -48,7 +48,7 @@ def test_units_and_axes_are_applied(waving, tmp_path):
         ("still", {}, "whose surface does not move"),
         ("frames", {"clip": "walk"}, "--clip does not apply"),
         ("frames", {"output": "x.glb"}, "no joints that show it; give --up and --unit"),
-        ("frames", {"output": "x.obj"}, r"written as .glb, .gltf, .npz or a folder, or as USD"),
+        ("frames", {"output": "x.obj"}, r"written as .glb, .gltf, .npz or a folder, as USD or Alembic"),
     ],
 )
 def test_what_does_not_fit_is_told(waving, tmp_path, source, order, said):

@@ -39,6 +39,7 @@ def repair_file(order: Repair, progress: bool = False) -> dict[str, Any]:
 
         joints = read_map(order.map_file)["target"] or None
     asset = load(order.file)
+    asset.expect_joints()
     if asset.character is None or asset.character.skin is None:
         raise FileError(order.file, "has no skinned character; only a body with a surface can penetrate itself")
     if not asset.clips:

@@ -15,6 +15,7 @@ from retarget.commands_view import Page, Performance, check_page
 from retarget.errors import FileError, RetargetError
 from retarget.io import MOTION_SUFFIXES, ONE_CLIP, THROUGH_BLENDER, WRITTEN_SUFFIXES, check_output, load
 from retarget.io.asset import Asset
+from retarget.io.mesh_folder import expect_no_frames
 from retarget.io.presets import Preset, preset
 from retarget.methods import Result, save_results
 from retarget.motion.filter import cut, resample
@@ -197,6 +198,7 @@ def _motion_files(inputs: tuple[Path, ...]) -> Iterator[Path]:
         if path.is_dir():
             found = sorted(file for file in path.iterdir() if file.suffix.lower() in MOTION_SUFFIXES)
             if not found:
+                expect_no_frames(path)
                 raise FileError(path, f"the folder holds no motion ({', '.join(MOTION_SUFFIXES)})")
             yield from found
         else:

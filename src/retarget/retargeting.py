@@ -61,6 +61,8 @@ def cast(
         character, convention = subject, Convention(1.0, "+y")
     else:
         asset = None if isinstance(subject, (Mesh, PointCloud)) else open_asset(subject)
+        if asset is not None:
+            asset.expect_joints()
         bare = subject if asset is None else asset.mesh or asset.points
         if asset is not None and asset.character is not None:
             character, convention, named = asset.character, asset.convention, asset.humanoid

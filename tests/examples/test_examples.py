@@ -49,13 +49,18 @@ def test_examples_are_short():
 
 @pytest.fixture(scope="module")
 def a_users_folder(tmp_path_factory) -> Path:
-    """What the README's user has: a motion and a character, the character in centimetres."""
+    """What the README's user has: a motion, a character in centimetres, and a bare mesh."""
     folder = tmp_path_factory.mktemp("user")
     save(folder / "dance.bvh", human(), [embedded_motion("walk")])
     knight = human(weight=1.0, height=1.8)
     names = tuple(f"knight_{name}" for name in knight.skeleton.names)
     knight = replace(knight, skeleton=replace(knight.skeleton, names=names))
     save(folder / "knight.glb", Similarity(np.array([0.0, 0.0, 0.0, 1.0]), 100.0).character(knight), [])
+    statue = human(weight=0.7).mesh
+    (folder / "statue.obj").write_text(
+        "".join(f"v {x:.5f} {y:.5f} {z:.5f}\n" for x, y, z in statue.vertices.tolist())
+        + "".join(f"f {a} {b} {c}\n" for a, b, c in (statue.faces + 1).tolist())
+    )
     for name, file in (("captures", "dance.bvh"), ("characters", "knight.glb")):
         (folder / name).mkdir()
         (folder / name / file).write_bytes((folder / file).read_bytes())

@@ -17,7 +17,7 @@ LINE = (
 HEAVY = {"robust_laplacian", "potpourri3d", "fast_simplification", "scipy", "PIL", "onnxruntime", "viser", "matplotlib", "bpy", "warp", "numba", "trimesh", "torch", "pxr", "pyFM"}
 COMPILED = {"retarget.contact.kernels", "retarget.contact.pair_kernels", "retarget.contact.skin_kernels", "retarget.motion.limit_kernels", "retarget.evaluate.reference.ray_parity"}
 """Modules of compiled loops: they import numba at their top, so nothing may import them at its own."""
-CHILDREN = {"retarget.io.blender_child"}
+CHILDREN = {"retarget.io.blender_child", "retarget.io.alembic_child"}
 """Programs for another interpreter: nothing imports them."""
 BANNED_NAMES = {"utils", "helpers", "common", "manager"}
 

@@ -145,9 +145,9 @@ def test_kinds_and_sides_of_pictures():
 
 def test_large_files_are_passed_over(tmp_path, monkeypatch):
     (tmp_path / "large.png").write_bytes(PNG)
-    assert picture_beside(str(tmp_path.resolve()), ["", "a\0b", "large.png"]) == PNG
+    assert picture_beside(str(tmp_path.resolve()), ["", "a\0b", "large.png"], set()) == PNG
     monkeypatch.setattr("retarget.io.pictures.LARGEST", 10)
-    assert picture_beside(str(tmp_path.resolve()), ["large.png"]) is None and picture_kind(PNG) is None
+    assert picture_beside(str(tmp_path.resolve()), ["large.png"], set()) is None and picture_kind(PNG) is None
 
 
 @pytest.mark.parametrize(("layers", "said"), [(0, "shows a texture without a picture"), (2, "of 2 pictures in one layered texture")])

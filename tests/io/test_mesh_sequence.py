@@ -119,7 +119,7 @@ def test_what_cannot_be_written(tmp_path):
     from retarget.io.gltf_morph import save_sequence as save_gltf
     from retarget.io.mesh_folder import save as save_folder
 
-    with pytest.raises(FileError, match=r"written as .glb, .gltf, .npz or a folder, or as USD, not as '.obj'"):
+    with pytest.raises(FileError, match=r"written as .glb, .gltf, .npz or a folder, as USD or Alembic, not as '.obj'"):
         save_sequence(tmp_path / "a.obj", quad())
     with pytest.raises(FileError, match=r"frames are written as .obj or .ply"):
         save_folder(tmp_path / "a", quad(), ".stl")

@@ -45,6 +45,18 @@ def test_what_is_written_comes_back(tmp_path, suffix):
         assert (tmp_path / f"one.{suffix}").read_bytes() == (tmp_path / f"two.{suffix}").read_bytes()
 
 
+@pytest.mark.parametrize("name", ["wave", "my dance, 2nd take"])
+def test_the_name_comes_back(tmp_path, name):
+    mesh = Mesh(np.eye(3), np.array([[0, 1, 2]]))
+    save_sequence(tmp_path / "a.usda", MeshMotion(mesh, np.stack([mesh.vertices, 2 * mesh.vertices]), name=name))
+    assert load(tmp_path / "a.usda").sequence.name == name
+
+
+def test_the_default_prim_names_a_sequence_else_its_mesh(tmp_path):
+    assert written(tmp_path, FACES + SAMPLES).sequence.name == "M0"
+    assert written(tmp_path, FACES + SAMPLES, FACES + SAMPLES, head='defaultPrim = "M1"').sequence.name == "M1"
+
+
 def test_units_and_axes_are_the_stage_s(tmp_path):
     moving = written(tmp_path, FACES + SAMPLES, head='metersPerUnit = 0.01\nupAxis = "Z"').sequence
     assert moving.fps == 24 and len(moving) == 3

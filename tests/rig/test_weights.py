@@ -67,9 +67,22 @@ def test_small_pieces_move_as_one():
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     mesh = Surface(np.concatenate([body.vertices, eye]), np.concatenate([body.faces, faces + len(body.vertices)]))
     weights = np.random.default_rng(1).dirichlet([1, 1, 1], size=len(mesh))
-    found = rigid_pieces(mesh, weights)
+    found = rigid_pieces(mesh, weights, np.zeros(len(mesh)))
     assert np.ptp(found[-4:], axis=0).max() == 0 and np.allclose(found[-1], weights[-4:].mean(axis=0))
     assert np.array_equal(found[:-4], weights[:-4])
+
+
+def test_what_a_hand_holds_moves_as_the_part_next_to_the_hand():
+    body = human().mesh
+    stick = np.stack([np.full(40, 0.6), np.linspace(0.9, 1.9, 40), np.full(40, 0.05)], axis=1)
+    stick[::2, 0] += 0.01
+    faces = np.stack([np.arange(38), np.arange(1, 39), np.arange(2, 40)], axis=1)
+    mesh = Surface(np.concatenate([body.vertices, stick]), np.concatenate([body.faces, faces + len(body.vertices)]))
+    weights = np.random.default_rng(1).dirichlet([1, 1, 1], size=len(mesh))
+    away = np.concatenate([np.zeros(len(body.vertices)), np.linspace(0.0, 1.0, 40)])
+    found = rigid_pieces(mesh, weights, away)
+    assert np.allclose(found[-40:], weights[-40:-36].mean(axis=0))
+    assert np.array_equal(found[:-40], weights[:-40])
 
 
 def test_laying_on_ends_on_the_surface():

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from retarget.errors import FileError, RetargetError
 from retarget.io import MOTION_SUFFIXES
 from retarget.io.file_names import distinct, natural_order, portable
+from retarget.io.mesh_folder import expect_no_frames
 
 Key = tuple[str, int, str]
 """A job: motion, number of its clip, character; files by their names below the folders given."""
@@ -71,6 +72,7 @@ def find_inputs(given: Path, without: Path) -> list[Input]:
         paths = [Path(place, name) for name in files if not name.startswith(".")]
         found += [path for path in paths if path.suffix.lower() in MOTION_SUFFIXES and path.is_file()]
     if not found:
+        expect_no_frames(given)
         raise FileError(given, f"the folder holds no file with a skeleton ({', '.join(MOTION_SUFFIXES)})")
     inputs = [Input(path, path.relative_to(given.absolute()).as_posix()) for path in found]
     return sorted(inputs, key=lambda each: [natural_order(part) for part in each.name.split("/")])
@@ -80,41 +82,41 @@ def _refuse(error: OSError) -> None:
     raise FileError(error.filename, f"cannot be read: {error.strerror or error}")
 
 
-def stamps(file: Input) -> list[list]:
-    """Name below its folder, bytes and time of change of a file and, of a .gltf, of the files it refers to: alike means
-    unchanged."""
-    from retarget.io.gltf_document import resource_file
-
-    folder = file.path.parent.resolve()
-    paths = {file.path.name: file.path}
-    if file.path.suffix.lower() == ".gltf":
-        for uri in _uris(file.path):
-            try:
-                found = resource_file(file.path, uri, "")
-            except FileError:  # reading it will say so
-                continue
-            paths[found.relative_to(folder).as_posix()] = found
-    return [[name, path.stat().st_size, path.stat().st_mtime_ns] for name, path in paths.items()]
+def stamps(path: Path, beside: Sequence[Path] = ()) -> list[list]:
+    """Name below its folder, bytes and time of change of a file and of those that were looked for while it was read; None for
+    what is not there. Alike means unchanged."""
+    return [_stamp(name, path.parent / name) for name in _names(path, beside)]
 
 
-def content_hash(file: Input) -> str:
-    """SHA-256 over the same files."""
+def unchanged(path: Path, marks: Any) -> bool:
+    """Whether a file, and what was looked for while it was read, are as they were when `stamps` gave `marks`."""
+    try:
+        return [_stamp(name, path.parent / name) for name, _, _ in marks] == marks and marks[0][0] == path.name
+    except (TypeError, ValueError, IndexError, OSError):  # not ours, or just taken away
+        return False
+
+
+def content_hash(path: Path, beside: Sequence[Path] = ()) -> str:
+    """SHA-256 over the same files; those that are not there count as such."""
     import hashlib
 
     from retarget.batch.manifest import file_hash
 
-    folder = file.path.parent
-    return hashlib.sha256("".join(file_hash(folder / name) for name, _, _ in stamps(file)).encode()).hexdigest()
+    files = [path.parent / name for name in _names(path, beside)]
+    hashes = [file_hash(file) if os.path.isfile(file) else "" for file in files]
+    return hashlib.sha256("\n".join(hashes).encode()).hexdigest()
 
 
-def _uris(path: Path) -> list[str]:
-    try:
-        document = json.loads(path.read_bytes())
-        entries = [*document.get("buffers", ()), *document.get("images", ())]
-        uris = [entry["uri"] for entry in entries if "uri" in entry]
-        return [uri for uri in uris if isinstance(uri, str) and uri[:5].lower() != "data:"]
-    except (OSError, ValueError, RecursionError, AttributeError, TypeError):
-        return []
+def _names(path: Path, beside: Sequence[Path]) -> list[str]:
+    """Below the file's folder: its own, then the others, sorted."""
+    folder = path.parent.resolve()
+    return [path.name, *sorted({file.relative_to(folder).as_posix() for file in beside})]
+
+
+def _stamp(name: str, path: Path) -> list:
+    if not os.path.isfile(path):  # where a name is too long, too
+        return [name, None, None]
+    return [name, path.stat().st_size, path.stat().st_mtime_ns]
 
 
 def plan_jobs(motions: Sequence[Clips], characters: Sequence[Input], suffix: str, reserved: Sequence[str]) -> list[Job]:

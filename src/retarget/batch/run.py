@@ -13,7 +13,7 @@ from typing import Any
 from retarget.batch.crew import Crew, Outcome, Task
 from retarget.batch.lock import held_alone
 from retarget.batch.manifest import Manifest, Record, stands
-from retarget.batch.plan import Clips, Input, Job, find_inputs, plan_jobs, refuse_overwriting, stamps
+from retarget.batch.plan import Clips, Input, Job, find_inputs, plan_jobs, refuse_overwriting, unchanged
 from retarget.batch.work import Settings
 from retarget.errors import FileError, RetargetError
 from retarget.io import check_format
@@ -155,14 +155,14 @@ class _Run:
         tasks = deque()
         for role, files in (("characters", characters), ("motions", motions)):
             for file in files:
-                marks, record = stamps(file), known.get((role, file.name), {})
-                if record.get("stamps") == marks:
+                record = known.get((role, file.name), {})
+                if unchanged(file.path, record.get("stamps")):
                     seen[role, file.name] = record["clips"]
                     self.hashes[role, file.name] = record["sha256"]
                     tell("", 1)
                 else:
                     task = {"do": "look", "role": role, "path": str(file.path), "settings": asdict(self.batch.settings)}
-                    tasks.append(task | {"file": file.name, "stamps": marks})
+                    tasks.append(task | {"file": file.name})
         tell("looking at the files")
         for outcome in self.crew.outcomes(lambda last: tasks.popleft() if tasks else None, self.batch.seconds):
             role, name = outcome.task["role"], outcome.task["file"]
@@ -174,7 +174,7 @@ class _Run:
                 continue
             seen[role, name] = outcome.answer["clips"]
             self.hashes[role, name] = outcome.answer["sha256"]
-            line = {"looked": role, "file": name, "stamps": outcome.task["stamps"], "digest": self.digest}
+            line = {"looked": role, "file": name, "digest": self.digest}
             self.manifest.add(line | outcome.answer)
         clips = [
             Clips(file, tuple(clip[0] for clip in seen["motions", file.name]))

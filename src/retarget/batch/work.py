@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from retarget.batch.manifest import file_hash
-from retarget.batch.plan import Input, content_hash, stamps
+from retarget.batch.plan import content_hash, stamps
 from retarget.character import Motion, Provenance
 from retarget.errors import RetargetError
 from retarget.io import DROPPING_CLIPS, check_holds, load
 from retarget.io.asset import Asset
+from retarget.io.gltf_document import files_beside
 from retarget.io.presets import Preset, preset
 from retarget.methods import Result
 from retarget.motion.align import Actor
@@ -121,8 +122,9 @@ class Bench:
         """The motion file of that content. Raises `RetargetError` if it has another by now."""
         key = (path, known, settings.smpl_model_hash)
         if self.motion[0] != key:
-            _expect_content(path, known)
-            self.motion = (key, settings.load(Path(path)))
+            asset = settings.load(Path(path))
+            _expect_content(asset, known)
+            self.motion = (key, asset)
         return self.motion[1]
 
     def target(self, path: str, known: str, settings: Settings) -> Actor:
@@ -130,8 +132,9 @@ class Bench:
         key = (path, known, settings)
         if self.character[0] != key:
             self.pairs.clear()
-            _expect_content(path, known)
-            self.character = (key, cast(load(path), settings.hints()[1]))
+            asset = load(path)
+            _expect_content(asset, known)
+            self.character = (key, cast(asset, settings.hints()[1]))
         return self.character[1]
 
     def pair(self, source: Actor, target: Actor, settings: Settings) -> Production:
@@ -144,9 +147,9 @@ class Bench:
         return replace(self.pairs[key], source=source)
 
 
-def _expect_content(path: str, known: str) -> None:
-    if content_hash(Input(Path(path), path)) != known:
-        raise RetargetError(f"{path}: was changed while the batch ran; start it again")
+def _expect_content(asset: Asset, known: str) -> None:
+    if content_hash(asset.path, asset.beside) != known:
+        raise RetargetError(f"{asset.path}: was changed while the batch ran; start it again")
 
 
 def _digest(actor: Actor) -> str:
@@ -172,13 +175,16 @@ def perform(task: dict[str, Any], page: PageMaker | None = None) -> dict[str, An
 
 
 def look(path: Path, role: str, settings: Settings) -> dict[str, Any]:
-    """What a file is good for: hash and clips. Raises `RetargetError` if it cannot be read, or as one of the
-    "characters" has no human in it."""
-    known = content_hash(Input(path, path.name))
+    """What a file is good for: hash and clips, and the stamps of all that was read. Raises `RetargetError` if it cannot be
+    read, holds a mesh sequence, or as one of the "characters" has no human in it."""
+    own = stamps(path)
     asset = settings.load(path) if role == "motions" else load(path)
     if role == "characters":
         cast(asset, settings.hints()[1])
-    return {"sha256": known, "clips": [[clip.name, clip.frames, clip.fps] for clip in asset.clips]}
+    asset.expect_joints()
+    clips = [[clip.name, clip.frames, clip.fps] for clip in asset.clips]
+    # The file's own stamp is from before it was read: if it changed meanwhile, the next run looks again.
+    return {"stamps": own + stamps(path, asset.beside)[1:], "sha256": content_hash(path, asset.beside), "clips": clips}
 
 
 def retarget_clip(
@@ -204,11 +210,10 @@ def retarget_clip(
     output.parent.mkdir(parents=True, exist_ok=True)
     with nullcontext() if page is None else page(Path(task["page"]), asset.path, output, production, clip, result):
         result.save(output, animation_only=settings.animation_only, **_options(output, settings))
-    beside = [name for name, _, _ in stamps(Input(output, output.name))[1:]]
     return {
         "bytes": output.stat().st_size,
         "sha256": file_hash(output),
-        "beside": [_known(output.parent, name) for name in beside],
+        "beside": [_known(output.parent, name) for name in _beside(output)],
         "page": None if page is None else _known(output.parent, Path(task["page"]).name),
         "frames": len(motion),
         "fps": motion.fps,
@@ -216,6 +221,14 @@ def retarget_clip(
         "notes": list(result.stats["notes"]),
         "seconds": round(time.perf_counter() - started, 3),
     }
+
+
+def _beside(output: Path) -> list[str]:
+    """Names of the files that a result refers to."""
+    if output.suffix.lower() != ".gltf":
+        return []
+    files = files_beside(output, json.loads(output.read_bytes()))
+    return [name for name, size, _ in stamps(output, files)[1:] if size is not None]
 
 
 def _known(folder: Path, name: str) -> list:

@@ -14,6 +14,7 @@ from retarget.io.whole_file import check_folder
 
 # Module that reads each suffix; imported only when a file of that kind is met.
 READERS = {
+    ".abc": "retarget.io.alembic",
     ".bvh": "retarget.io.bvh",
     ".fbx": "retarget.io.fbx",
     ".glb": "retarget.io.gltf",
@@ -115,8 +116,8 @@ def save(
 
 
 def save_sequence(path: str | Path, motion: MeshMotion) -> None:
-    """Write a mesh sequence as glTF (.glb, .gltf; frames as morph targets), USD (time samples), an archive (.npz), or a folder
-    of PLY files (no suffix).
+    """Write a mesh sequence as glTF (.glb, .gltf; frames as morph targets), USD (time samples), Alembic (.abc), an archive (.npz), or
+    a folder of PLY files (no suffix).
 
     The file, or folder, appears whole or not at all. Raises `FileError` for other suffixes and where it cannot be written.
     """
@@ -127,10 +128,12 @@ def save_sequence(path: str | Path, motion: MeshMotion) -> None:
         importlib.import_module("retarget.io.usd_sequence").save(path, motion)
     elif path.suffix.lower() == ".npz":
         importlib.import_module("retarget.io.npz_sequence").save(path, motion)
+    elif path.suffix.lower() == ".abc":
+        importlib.import_module("retarget.io.alembic").save(path, motion)
     elif not path.suffix:
         importlib.import_module("retarget.io.mesh_folder").save(path, motion)
     else:
-        raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, or as USD, not as {path.suffix!r}")
+        raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, as USD or Alembic, not as {path.suffix!r}")
 
 
 def check_format(path: Path) -> None:

@@ -55,6 +55,9 @@ class Asset:
     """The human that the file itself names (VRM): humanoid joint to joint name, as in a map file; None where it is silent."""
     notes: tuple[str, ...] = ()
     """Faults found, repairs made and content passed over, one sentence each."""
+    beside: tuple[Path, ...] = ()
+    """Other files in its folder that were looked for while it was read (pictures, buffers, layers), there or not: what the
+    asset depends on besides `path`."""
     plays: int | None = None
     """The clip that the file itself plays, where its format says so (USD); appended ones stand last in all others."""
     read_clip: Callable[[int], Motion] | None = None
@@ -65,9 +68,7 @@ class Asset:
 
         Raises `FileError` if the file holds no clip, `RetargetError` if none has that name.
         """
-        if self.sequence is not None:
-            cure = "`retarget info` and `picture` show it, `convert` writes it in other formats"
-            raise FileError(self.path, f"holds a mesh sequence, whose surface moves without joints to follow; {cure}")
+        self.expect_joints()
         if not self.clips or self.read_clip is None:
             raise FileError(self.path, "holds no animation clip")
         names = [each.name for each in self.clips]
@@ -78,3 +79,9 @@ class Asset:
         if clip is not None and not 0 <= clip < len(names):
             raise FileError(self.path, f"has {len(names)} clips, numbered from 0; received {clip}")
         return self.read_clip(clip or 0)
+
+    def expect_joints(self) -> None:
+        """Raises `FileError` for a mesh sequence, saying what can be done with one."""
+        if self.sequence is not None:
+            cure = "`retarget info` and `picture` show it, `convert` writes it in other formats"
+            raise FileError(self.path, f"holds a mesh sequence, whose surface moves without joints to follow; {cure}")

@@ -1,9 +1,9 @@
-"""FBX and Alembic, written by Blender in a process of its own.
+"""Blender in a process of its own; FBX, and Alembic of a character's surface, written by it.
 
 Blender's licence (GPL) and its Python stay there: we write a GLB, `blender_child.py` turns it into what is wanted. FBX is
 written in centimetres with +Y up, no scale and no quarter turn on any object, bones with the axes that they have here, and
 a key on every frame: read again, joints stand within a hundredth of a millimetre of where they stood. Alembic holds the
-moving surfaces only.
+moving surfaces only; mesh sequences in Alembic are the matter of `alembic.py`.
 """
 
 from __future__ import annotations
@@ -14,14 +14,16 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from retarget.character import Character, Motion
 from retarget.errors import FileError
 from retarget.io import gltf
 from retarget.io.child import ChildFailed, ChildTimeout, run_program
+from retarget.io.ogawa import erase_date
 from retarget.io.whole_file import written_whole
 
 CHILD = Path(__file__).with_name("blender_child.py")
@@ -29,8 +31,9 @@ VARIABLE = "RETARGET_BLENDER"
 """Names Blender's program, or a Python that has bpy."""
 CLIP = "retarget clip "
 """What clips are called on the way, by number: the character may have others of their names, which stay behind."""
+DONE = {"write": "written", "read": "read"}
 SECONDS = 600.0
-"""How long writing may take."""
+"""How long Blender may take for a file."""
 
 
 def save(
@@ -49,28 +52,35 @@ def save(
     rates = {motion.fps for motion in motions}
     if len(rates) > 1:
         raise FileError(path, f"clips of one file have one frame rate here, received {', '.join(f'{r:g}' for r in sorted(rates))}; bring them to one (--fps), or choose one clip (--clip)")
-    command = blender(path)
     with tempfile.TemporaryDirectory(prefix="retarget-") as folder:
-        source, output, job = Path(folder) / "from.glb", Path(folder) / f"to.{kind}", Path(folder) / "job.json"
+        source, output = Path(folder) / "from.glb", Path(folder) / f"to.{kind}"
         named = [replace(motion, name=f"{CLIP}{number}") for number, motion in enumerate(motions)]
         gltf.save(source, character, named, animation_only=animation_only)
-        job.write_text(
-            json.dumps({
-                "glb": str(source), "output": str(output), "format": kind, "fps": rates.pop() if rates else 30.0,
-                "clips": {wanted.name: motion.name for wanted, motion in zip(named, motions)}, "root": root,
-            }),
-            encoding="utf-8",
-        )  # fmt: skip
-        _run([*command, "--", str(job)], path)
-        if not output.exists():
-            raise FileError(path, "Blender ended without an error and without a file")
-        with written_whole(path) as file, output.open("rb") as made:
-            shutil.copyfileobj(made, file)
+        job = {
+            "glb": str(source), "output": str(output), "format": kind, "fps": rates.pop() if rates else 30.0,
+            "clips": {wanted.name: motion.name for wanted, motion in zip(named, motions)}, "root": root,
+        }  # fmt: skip
+        run_blender(path, CHILD, job, Path(folder))
+        keep(path, output)
 
 
-def blender(path: Path) -> list[str]:
-    """The command that runs the child, without its arguments. Raises `FileError` (of the file to write) where there is no
-    Blender."""
+def keep(path: Path, made: Path) -> None:
+    """Bring what Blender made to its place, whole, an Alembic file without the time of day. Raises `FileError` where it made
+    nothing, or the file cannot be written."""
+    if not made.exists():
+        raise FileError(path, "Blender ended without an error and without a file")
+    if made.suffix == ".abc":
+        try:
+            erase_date(made)
+        except FileError as error:
+            raise FileError(path, f"Blender made a file that {error.problem}") from None
+    with written_whole(path) as file, made.open("rb") as content:
+        shutil.copyfileobj(content, file)
+
+
+def blender(path: Path, child: Path = CHILD, verb: str = "write") -> list[str]:
+    """The command that runs the program `child`, without its arguments. Raises `FileError` of the file that is to be written
+    (`verb` "read": to be read) where there is no Blender."""
     named = os.environ.get(VARIABLE)
     if named and not shutil.which(named):
         raise FileError(path, f"{VARIABLE} names {named}, which is no program")
@@ -78,21 +88,25 @@ def blender(path: Path) -> list[str]:
     if found:
         found = os.path.abspath(found)  # it starts in another folder
         if "blender" in Path(found).name.lower():
-            return [found, "--background", "--factory-startup", "--python-use-system-env", "--python", str(CHILD)]
-        return [found, str(CHILD)]
+            return [found, "--background", "--factory-startup", "--python-use-system-env", "--python", str(child)]
+        return [found, str(child)]
     if importlib.util.find_spec("bpy") is not None:
-        return [sys.executable, str(CHILD)]
+        return [sys.executable, str(child)]
     raise FileError(
         path,
-        f"is written by Blender: put blender on the PATH, name it in {VARIABLE}, or pip install 'retarget[blender]' "
+        f"is {DONE[verb]} by Blender: put blender on the PATH, name it in {VARIABLE}, or pip install 'retarget[blender]' "
         "(Python 3.11); a .glb needs none and opens in Blender, Unreal, Unity and Godot",
     )
 
 
-def _run(command: list[str], path: Path) -> None:
-    try:
-        run_program(command, SECONDS, os.environ | {"PYTHONHASHSEED": "0"})  # identities in an FBX file are hashes of names
+def run_blender(path: Path, child: Path, job: Mapping[str, Any], folder: Path, verb: str = "write") -> None:
+    """Run the program `child` with a job, which is put into `folder`. Raises `FileError` where Blender is not there, fails, or
+    takes too long."""
+    order = folder / "job.json"
+    order.write_text(json.dumps(job), encoding="utf-8")
+    try:  # the seed: identities in an FBX file are hashes of names
+        run_program([*blender(path, child, verb), "--", str(order)], SECONDS, os.environ | {"PYTHONHASHSEED": "0"})
     except ChildTimeout:
-        raise FileError(path, f"Blender takes longer than {SECONDS:g} s to write it") from None
+        raise FileError(path, f"Blender takes longer than {SECONDS:g} s to {verb} it") from None
     except ChildFailed as error:
-        raise FileError(path, f"Blender cannot write it ({error})") from None
+        raise FileError(path, f"Blender cannot {verb} it ({error})") from None

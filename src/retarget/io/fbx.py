@@ -40,7 +40,8 @@ def load(path: str | Path) -> Asset:
     asset = gltf.from_document(document)
     up = "" if told["up"].lower() == "unknown" else f"up {told['up'].lower()}, "
     said = f"FBX {told['version'] / 1000:g}, {told['unit_m']:g} m a unit, {up}{told['fps']:g} frames a second"
-    return replace(asset, notes=(said, *told["notes"], *asset.notes))
+    beside = tuple(map(Path, told["beside"]))
+    return replace(asset, beside=beside, notes=(said, *told["notes"], *asset.notes))
 
 
 def _convert(path: Path, output: Path) -> dict[str, Any]:

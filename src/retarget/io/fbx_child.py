@@ -39,7 +39,7 @@ def work(source: str, output: str) -> dict[str, Any]:
     glb.write(output)
     version = int(hold(scene.metadata).version)
     return {
-        "version": version, "fps": fps, "notes": list(dict.fromkeys(notes)),
+        "version": version, "fps": fps, "notes": list(dict.fromkeys(notes)), "beside": sorted(looks.looked),
         "unit_m": float(settings.original_unit_meters), "up": hold(settings.original_axis_up).name,
     }  # fmt: skip
 

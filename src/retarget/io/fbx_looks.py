@@ -24,6 +24,8 @@ class Looks:
         self.glb, self.notes = glb, notes
         self.home = os.path.realpath(os.path.dirname(source))
         self.stem = os.path.splitext(os.path.basename(source))[0]
+        self.looked: set[str] = set()
+        """Files beside it that were looked for."""
         self.textures: dict[bytes, int] = {}
         """The GLB's texture of each picture."""
         self.known: dict[int, int | None] = {}
@@ -83,7 +85,7 @@ class Looks:
         data = next((content for content in (bytes(each.content) for each in sources) if content), None)
         if data is None:
             guesses = [name, f"textures/{name}", f"{self.stem}.fbm/{name}"] if name else []
-            data = picture_beside(self.home, [*paths, *guesses])
+            data = picture_beside(self.home, [*paths, *guesses], self.looked)
         if data is None:
             self.notes.append(f"the picture {name[:80]!r} is neither in the file nor in its folder, and is left out")
             return None

@@ -11,7 +11,7 @@ from retarget.character import Character
 from retarget.io.asset import MOST_JOINTS, Asset, Convention
 from retarget.io.gltf_bind import read_bindings, rest_skeleton
 from retarget.io.gltf_clips import list_clips, moving_nodes, read_motion, scaling_joints
-from retarget.io.gltf_document import Document, read_document
+from retarget.io.gltf_document import Document, files_beside, read_document
 from retarget.io.gltf_draco import decompressed
 from retarget.io.gltf_morph import animates_weights, read_sequence
 from retarget.io.gltf_nodes import (
@@ -45,7 +45,8 @@ def load(path: str | Path) -> Asset:
 
     Raises `FileError` for whatever cannot be read, with its place in the file.
     """
-    return from_document(decompressed(read_document(Path(path))))
+    document = read_document(Path(path))
+    return replace(from_document(decompressed(document)), beside=files_beside(document.path, document.json))
 
 
 def from_document(document: Document) -> Asset:

@@ -352,6 +352,22 @@ def resource(path: Path, uri: str, place: str) -> bytes:
         raise FileError(path, f"{uri[:80]!r} cannot be read: {error.strerror or error}", place) from None
 
 
+def files_beside(path: Path, json: dict[str, Any]) -> tuple[Path, ...]:
+    """The files of buffers and pictures that a document refers to, whether they are there or not; none outside its folder."""
+    found = []
+    for entry in [*json.get("buffers", ()), *json.get("images", ())]:
+        uri = entry.get("uri", "data:")
+        if uri[:5].lower() == "data:":
+            continue
+        try:
+            found.append(resource_file(path, uri, ""))
+        except MissingFileError:
+            found.append(path.parent.resolve() / unquote(uri))
+        except FileError:  # outside, and not looked at
+            continue
+    return tuple(found)
+
+
 def resource_file(path: Path, uri: str, place: str) -> Path:
     """The file that a relative URI names. Raises `FileError` if it is missing or outside the document's own folder."""
     name = unquote(uri)  # spaces come as %20; what hides behind other escapes meets the same checks

@@ -50,6 +50,13 @@ def load(path: str | Path) -> Asset:
     return Asset(path, "mesh sequence", sequence=MeshMotion(first, places, FPS, path.name), notes=(note,))
 
 
+def expect_no_frames(path: Path) -> None:
+    """Raises `FileError` for a folder of frames where motions of joints are looked for, saying what can be done with it."""
+    if any(map(_is_frame, path.iterdir())):
+        cure = "as a mesh sequence `retarget info` and `picture` show it, `convert` writes it in other formats"
+        raise FileError(path, f"the folder holds .obj or .ply files and no motion of joints; {cure}")
+
+
 def save(path: str | Path, motion: MeshMotion, suffix: str = ".ply") -> None:
     """Write a folder with one file a frame, named by number. The folder appears whole or not at all.
 

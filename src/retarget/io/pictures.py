@@ -47,14 +47,16 @@ def is_inside(real: str, home: str) -> bool:
     return real == home or real.startswith(home.rstrip(os.sep) + os.sep)
 
 
-def picture_beside(home: str, names: list[str]) -> bytes | None:
+def picture_beside(home: str, names: list[str], looked: set[str]) -> bytes | None:
     """The first of some files, by their paths from `home` (a real path), that is there and inside it; None without one.
 
     Nothing outside is looked at, links are followed before that is decided, and what is larger than a picture may be is
-    passed over.
+    passed over. All that were looked for go into `looked`, by their real paths.
     """
     for name in names:
         real = os.path.realpath(os.path.join(home, name)) if name and "\0" not in name else ""
+        if is_inside(real, home):
+            looked.add(real)
         if is_inside(real, home) and os.path.isfile(real) and os.path.getsize(real) <= LARGEST:
             with open(real, "rb") as file:
                 return file.read(LARGEST + 1)

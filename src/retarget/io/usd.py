@@ -78,7 +78,8 @@ def load(path: str | Path) -> Asset:
     said = f"USD, {told['unit_m']:g} m a unit{stated}, up {told['up']}, {told['rate']:g} time codes a second"
     convention = Convention(1.0 if told["unit_stated"] else None, "+y")
     plays = 0 if asset.clips and told.get("bound") == asset.clips[0].name else None
-    return replace(asset, convention=convention, plays=plays, notes=(said, *told["notes"], *asset.notes))
+    beside = tuple(map(Path, told["beside"]))
+    return replace(asset, convention=convention, beside=beside, plays=plays, notes=(said, *told["notes"], *asset.notes))
 
 
 def _moving(asset: Asset, points: Path, held: dict[str, Any]) -> Asset:

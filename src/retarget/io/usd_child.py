@@ -18,7 +18,7 @@ import numpy as np
 from retarget.io.child import Refused
 from retarget.io.glb import Glb
 from retarget.io.usd_clips import add_clips
-from retarget.io.usd_layers import home_of, in_plain_words, open_stage, prims_of, size_within
+from retarget.io.usd_layers import home_of, in_plain_words, neighbours, open_stage, prims_of, size_within
 from retarget.io.usd_looks import Looks
 from retarget.io.usd_points import add_meshes
 from retarget.io.usd_surface import bindings_of, skinned_meshes
@@ -76,7 +76,7 @@ def convert(source: str, output: str) -> dict[str, Any]:
     else:
         told["sequence"] = add_meshes(glb, stage, prims, looks, f"{output}.points")
     glb.write(output)
-    return told | {"notes": list(dict.fromkeys(notes))}
+    return told | {"notes": list(dict.fromkeys(notes)), "beside": neighbours(source)}
 
 
 def _add_stage(glb: Glb, stage: Any) -> dict[str, Any]:

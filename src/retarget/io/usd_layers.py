@@ -97,6 +97,31 @@ def check_layers(source: str) -> tuple[list[str], bool]:
     return missing, len(seen) > 1
 
 
+def neighbours(source: str) -> list[str]:
+    """Real paths of the files in the source's folder that its layers refer to (layers, pictures, sounds), there or not; after
+    `check_layers`. A package has none."""
+    from pxr import Tf, UsdUtils
+
+    home = home_of(source)
+    if home == os.path.realpath(source):
+        return []
+    own = os.path.join(home, os.path.basename(source))
+    waiting, found = [own], set()
+    while waiting:
+        layer = waiting.pop()
+        try:
+            named = UsdUtils.ExtractExternalReferences(layer)
+        except Tf.ErrorException:  # no part of the stage, or that had been refused
+            continue
+        for asset in (each for kind in named for each in kind):
+            real = os.path.realpath(os.path.join(os.path.dirname(layer), asset.partition("[")[0]))
+            if asset and is_inside(real, home) and real not in found | {own, home}:
+                found.add(real)
+                if real.lower().endswith((".usd", ".usda", ".usdc")) and os.path.isfile(real):
+                    waiting.append(real)
+    return sorted(found)
+
+
 def _place(layer: Any, asset: str, home: str) -> str | None:
     """Where a layer lies that another refers to; None if nowhere. Raises `Refused` for any place outside `home`."""
     from pxr import Ar, Sdf

@@ -51,7 +51,13 @@ def add_meshes(glb: Glb, stage: Any, prims: list[Any], looks: Looks, output: str
             for prim, count in counts.items():
                 _points(prim, count, code, T_world_stage).tofile(file)
     held = [prim.GetName() for prim in counts]
-    return {"frames": frames, "points": total, "fps": fps, "name": held[0], "meshes": len(held)}
+    return {"frames": frames, "points": total, "fps": fps, "name": _name(stage, held), "meshes": len(held)}
+
+
+def _name(stage: Any, meshes: list[str]) -> str:
+    """What the performance is called: the stage's default prim, by the name that people see; else the first mesh."""
+    prim = stage.GetDefaultPrim()
+    return (prim.GetDisplayName() or prim.GetName()) if prim else meshes[0]
 
 
 def _codes(prim: Any) -> np.ndarray:
@@ -112,6 +118,7 @@ def make_sequence(order: dict[str, Any], arrays: dict[str, np.ndarray], assets: 
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(len(frames) - 1)
     root = UsdGeom.Xform.Define(stage, f"/{order['name']}")
+    root.GetPrim().SetDisplayName(order["title"])
     Usd.ModelAPI(root.GetPrim()).SetKind("component")
     stage.SetDefaultPrim(root.GetPrim())
     mesh = add_surface(stage, root, "Surface", order, arrays, assets)

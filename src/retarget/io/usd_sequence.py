@@ -29,6 +29,7 @@ def save(path: str | Path, motion: MeshMotion) -> None:
         raise FileError(path, f"{len(motion)} frames of {motion.vertices.shape[1]} vertices are more than a USD file is given here")
     arrays = {"frames": np.ascontiguousarray(motion.vertices)}
     order: dict[str, Any] = {"suffix": path.suffix.lower(), "stem": identifier(path.stem), "fps": motion.fps}
-    order |= {"folder": str(path.parent.absolute()), "name": identifier(motion.name or "sequence")}
+    order |= {"folder": str(path.parent.absolute()), "title": motion.name or "sequence"}
+    order["name"] = identifier(order["title"])
     order["materials"] = surface_arrays(motion.mesh, motion.vertices[0], arrays)
     run_write(path, order, arrays)

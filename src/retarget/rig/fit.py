@@ -30,6 +30,8 @@ WORST = 0.1
 """Metres beyond which a distance counts as this in the misfit."""
 LIMB = 2e-3
 """Inertia of a limb (m²): joints that move less, like fingers, are held less, or nothing would turn them."""
+NO_FEET = 0.12
+"""Metres of misfit of the feet from which there are none, and nothing more is to be said of them."""
 LARGEST_TURN = 0.6
 """Radians in one step."""
 
@@ -82,7 +84,7 @@ class Misfit:
     @property
     def total(self) -> float:
         """What readings are compared by, metres."""
-        return self.template + self.surface + 0.5 * self.feet
+        return self.template + self.surface + 0.5 * min(self.feet, NO_FEET)
 
 
 def prepare_target(surface: Surface, unit: float, count: int = 1200) -> Target:

@@ -23,24 +23,26 @@ from retarget.errors import RetargetError
 from retarget.geometry.closest import Places
 from retarget.geometry.resample import Surface, cleaned, decimate
 from retarget.progress import Tell, untold
-from retarget.rig.fit import Pull, Target, fit_to_places, fit_to_surface
+from retarget.rig.fit import LIKE_NORMALS, Pull, Target, fit_to_places, fit_to_surface
 from retarget.rig.fit_model import BodyState, FitModel, part_transforms, pose_body
 from retarget.rig.registration import Registered, register
 from retarget.rig.rest import rest_from_pose
 from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_of
 from retarget.rig.template import SAMPLES, Template, intrinsic_body
 from retarget.rig.templates import human_template
-from retarget.rig.weights import places_on_template, rigid_pieces, sparse_weights
+from retarget.rig.weights import HELD_AWAY, places_on_template, rigid_pieces, sparse_weights
 from retarget.rig.working_surface import WorkingSurface, finite_surface, surface_of_points, working_surfaces
 
 Array = np.ndarray
 
-LEAST_CONFIDENCE = 0.35
+LEAST_CONFIDENCE = 0.34
 """Below this no rig is delivered: landmarks are asked for."""
 FINE = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 8
 FINGERS = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 5
 GUIDED = Pull(0.05, 1.0, 1e-5, 1e-6)
 REFIT = Pull(0.05, 1.0, 1e-6, 1e-7)
+LIKE_NORMALS_OF_PIECES = 0.3 * LIKE_NORMALS
+"""How far apart opposite normals put two places on bodies put together of pieces, whose surfaces turn every way."""
 LAID_ON = 30_000
 """Vertices of the mesh that the template is laid onto; larger ones are decimated for that."""
 UNITS = {"m": (1.0, 0.0), "cm": (0.01, 0.0), "mm": (0.001, 0.0), "dm": (0.1, 0.6), "inch": (0.0254, 0.6)}
@@ -105,11 +107,16 @@ def rig(
     fitted = _fitted(template, best, target, moved, None if known is None else (known - target.origin) * target.unit)
     tell("weights", 1)
     model = template.model
-    places = places_on_template(moved, fitted.registered, template.faces, model.points)
-    rest = rest_from_pose(model, fitted.state, rigid_pieces(moved, places.of(model.weights)), moved.vertices)
-    height = float(np.ptp(rest[:, 1])) / target.unit
+    like_normals = LIKE_NORMALS_OF_PIECES if found.working.fused else LIKE_NORMALS
+    places = places_on_template(moved, fitted.registered, template.faces, model.points, like_normals)
+    away = np.linalg.norm(places.of(fitted.registered.vertices) - moved.vertices, axis=1)
+    rest = rest_from_pose(model, fitted.state, rigid_pieces(moved, places.of(model.weights), away), moved.vertices)
+    body = away < max(HELD_AWAY, float(np.median(away)))
+    floor, top = float(rest[body, 1].min()), float(rest[body, 1].max())
+    height = (top - floor) / target.unit
     metres, note = likely_unit(height) if unit is None else (unit, f"{height * unit:.2f} m tall")
-    character = _character(template, fitted, mesh, moved, places, rest, metres / target.unit)
+    skin = sparse_weights(rigid_pieces(moved, places.of(template.weights), away))
+    character = _character(template, fitted, replace(mesh, vertices=rest), skin, floor, metres / target.unit)
     notes = (note, *((f"{found.working.pieces} pieces, taken as one body",) if found.working.fused else ()), best.how)
     joints, _ = part_transforms(model, fitted.state)
     return Rigged(
@@ -212,14 +219,13 @@ def likely_unit(height: float) -> tuple[float, str]:
 
 
 def _character(
-    template: Template, fitted: _Fitted, mesh: Mesh, moved: Surface, places: Places, rest: Array, scale: float
+    template: Template, fitted: _Fitted, mesh: Mesh, skin: tuple[Array, Array], floor: float, scale: float
 ) -> Character:
-    """Skeleton and weights of the template on the mesh at rest, feet on y = 0, hips above the middle."""
-    skeleton = template.skeleton
-    columns, weights = sparse_weights(rigid_pieces(moved, places.of(template.weights)))
+    """Skeleton and weights of the template on the mesh, which is at rest; feet on y = 0, hips at x = z = 0."""
+    skeleton, (columns, weights) = template.skeleton, skin
     joints = _all_joints(template, fitted)
-    shift = np.array([joints[0, 0], rest[:, 1].min(), joints[0, 2]])
-    joints, vertices = (joints - shift) * scale, (rest - shift) * scale
+    shift = np.array([joints[0, 0], floor, joints[0, 2]])
+    joints, vertices = (joints - shift) * scale, (mesh.vertices - shift) * scale
     world, _ = rest_pose(skeleton)
     offsets = joints.copy()
     child = np.flatnonzero(skeleton.parents >= 0)

@@ -28,6 +28,8 @@ LEAST_PATCH = 0.2
 """Share of a piece's vertices: smaller patches behind a leak are taken for the mistake."""
 SMALL_PIECE = 0.08 * HEIGHT
 """Extent of a piece that moves as one: eyes, teeth, buttons."""
+HELD_AWAY = 0.04 * HEIGHT
+"""Median distance of a piece from the body from which it is something held or worn that moves as one."""
 LEAST_AGREEMENT = 0.3
 """Mean cosine between a piece's normals and those beneath it, from which they count."""
 HELD = 1.0
@@ -35,20 +37,26 @@ HELD = 1.0
 
 
 def places_on_template(
-    mesh: Surface, registered: Registered, faces: Int[Array, "faces 3"], rest: Float[Array, "template 3"]
+    mesh: Surface,
+    registered: Registered,
+    faces: Int[Array, "faces 3"],
+    rest: Float[Array, "template 3"],
+    like_normals: float = LIKE_NORMALS,
 ) -> Places:
     """For every vertex of the mesh its place on the template: the nearest of the registered surface with a like normal.
 
     Patches that lie across a leak (neighbours on the mesh, far apart on the template: a hand on a hip) are placed again
     near their neighbours' places. Normals count for pieces that are turned as what lies beneath; linings are not.
+    `like_normals` is how far apart normals put two places: little for bodies put together of pieces, whose surfaces turn every
+    way.
     """
     normals = vertex_normals(mesh.vertices, mesh.faces)
     beneath = SurfaceIndex(registered.vertices, faces).closest(mesh.vertices).of(registered.normals)
     label = _vertex_pieces(mesh)
     agreement = np.bincount(label, (normals * beneath).sum(axis=1)) / np.bincount(label)
     normals[agreement[label] < LEAST_AGREEMENT] = 0.0
-    lifted = np.concatenate([registered.vertices, LIKE_NORMALS * registered.normals], axis=1)
-    seen = np.concatenate([mesh.vertices, LIKE_NORMALS * normals], axis=1)
+    lifted = np.concatenate([registered.vertices, like_normals * registered.normals], axis=1)
+    seen = np.concatenate([mesh.vertices, like_normals * normals], axis=1)
     places = SurfaceIndex(lifted, faces).closest(seen, candidates=16)
     wrong = _across_leaks(mesh, places.of(rest))
     if not wrong.any():
@@ -76,14 +84,23 @@ def sparse_weights(
     return np.where(kept > 0, columns, 0), kept / kept.sum(axis=1, keepdims=True)
 
 
-def rigid_pieces(mesh: Surface, weights: Float[Array, "vertices joints"]) -> Float[Array, "vertices joints"]:
-    """The same weights, one set for all vertices of each small piece."""
+def rigid_pieces(
+    mesh: Surface, weights: Float[Array, "vertices joints"], away: Float[Array, "vertices"]
+) -> Float[Array, "vertices joints"]:
+    """The same weights, one set for all vertices of each small piece, and of each piece that reaches far from the body: what a
+    hand holds moves as the part of it next to the hand does. `away` is the distance to the template's skin.
+    """
     label = _vertex_pieces(mesh)
     weights = weights.copy()
     order = np.argsort(label, kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
-        if len(own) < len(mesh) and np.ptp(mesh.vertices[own], axis=0).max() < SMALL_PIECE:
+        if len(own) == len(mesh):
+            break
+        if np.ptp(mesh.vertices[own], axis=0).max() < SMALL_PIECE:
             weights[own] = weights[own].mean(axis=0)
+        elif np.median(away[own]) > HELD_AWAY:
+            nearest = own[np.argsort(away[own], kind="stable")[: max(1, len(own) // 10)]]
+            weights[own] = weights[nearest].mean(axis=0)
     return weights
 
 
