@@ -26,7 +26,7 @@ from retarget.io.usd_transforms import decomposed, placement
 
 FROM_Z_UP = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]
 MOST_JOINTS = 20_000
-MEMORY, MEMORY_A_BYTE = 2 << 30, 16
+MEMORY, MEMORY_A_BYTE = 5 << 29, 16
 """Bytes that the work may take, and how many more for each byte of what it may read. A damaged count is met only when the
 memory is full, and to fill all that a child may have takes ten seconds."""
 
