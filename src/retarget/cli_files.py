@@ -71,7 +71,9 @@ def batch(
         typer.Option(help="Format of the results, as in `run` (.glb, or what --for wants).", show_default=False),
     ] = None,
     engine: Engine = None,
-    pages: Annotated[bool, typer.Option("--report", help="Also write the page of `retarget report` beside each result.")] = False,
+    pages: Annotated[
+        bool, typer.Option("--report", help="Also write the page of `retarget report` beside each result.")
+    ] = False,
     fps: Fps = None,
     method: MethodName = "auto",
     in_place: InPlace = False,

@@ -8,6 +8,7 @@ from retarget.body.human import human
 from retarget.geometry.closest import Places
 from retarget.geometry.resample import Surface
 from retarget.geometry.topology import vertex_normals
+from retarget.rig.fit import prepare_skin
 from retarget.rig.registration import Registered, register
 from retarget.rig.templates import human_template
 from retarget.rig.weights import places_on_template, rigid_pieces, sparse_weights
@@ -18,7 +19,9 @@ def exact(seed):
     truth, faces = case(seed), human_template().faces
     posed = truth.posed / truth.scale
     found = np.ones(len(posed), dtype=bool)
-    return Registered(posed, vertex_normals(posed, faces), found), Surface(truth.mesh.vertices / truth.scale, truth.mesh.faces)
+    return Registered(posed, vertex_normals(posed, faces), found), Surface(
+        truth.mesh.vertices / truth.scale, truth.mesh.faces
+    )
 
 
 @pytest.mark.parametrize("seed", [6, 24, 12, 28])
@@ -89,7 +92,7 @@ def test_laying_on_ends_on_the_surface():
     truth = case(6)
     registered, mesh = exact(6)
     moved = registered.vertices + 0.01 * np.sin(registered.vertices * 9)[:, ::-1]
-    found = register(moved, human_template().faces, mesh)
+    found = register(moved, human_template().faces, prepare_skin(mesh))
     from retarget.geometry.closest import SurfaceIndex
 
     index = SurfaceIndex(mesh.vertices, mesh.faces)

@@ -20,8 +20,8 @@ from retarget.contact.support import leg_length, support_limbs, support_points
 from retarget.correspond.joints import Humanoid
 from retarget.errors import RetargetError
 from retarget.io.asset import Convention
-from retarget.motion.graft import Graft, graft
 from retarget.motion.anatomy import Soles
+from retarget.motion.graft import Graft, graft
 
 Array = np.ndarray
 

@@ -209,7 +209,7 @@ def _fitted(base: Character, source: Actor) -> tuple[Character, dict[str, float]
     moved = replace(skeleton, offsets=offsets, end_offsets=ends)
     _, goals = rest_pose(moved)
     maps = np.empty((len(skeleton), 3, 3))
-    for joint, name in enumerate(skeleton.names):
+    for joint in range(len(skeleton)):
         maps[joint] = _along(axis[joint], stretch[joint]) if stretch[joint] != 1.0 else grown[joint] * np.eye(3)
     for name in ("spine", "chest", "upperChest"):
         maps[skeleton.index(name)] = np.diag([1.0 + 0.5 * (shoulders - 1.0), trunk, 1.0])

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from retarget.body import rotations as rot
+from retarget.geometry.closest import SurfaceIndex
 from retarget.geometry.geodesic import farthest_points
 from retarget.geometry.resample import Surface
 from retarget.geometry.topology import vertex_normals
@@ -32,6 +33,8 @@ LIMB = 2e-3
 """Inertia of a limb (m²): joints that move less, like fingers, are held less, or nothing would turn them."""
 NO_FEET = 0.12
 """Metres of misfit of the feet from which there are none, and nothing more is to be said of them."""
+LEAST_AGREEMENT = 0.5
+"""Cosine between normals below which a nearest place is of another part."""
 LARGEST_TURN = 0.6
 """Radians in one step."""
 
@@ -68,6 +71,8 @@ class Pull:
     """Weight of a squared radian between a joint and its parent; less where it moves less than a limb."""
     shape: float
     """Weight of a squared standard deviation."""
+    fingers: float = 0.0
+    """Weight of a squared radian between a finger's joint and what is expected of it, at least."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,7 @@ def prepare_target(surface: Surface, unit: float, count: int = 1200) -> Target:
     normals = vertex_normals(surface.vertices, surface.faces)
     first = int(np.linalg.norm(vertices, axis=1).argmax())
     spread = farthest_points(vertices, count, first)
-    tree = cKDTree(_with_normals(vertices, normals))
+    tree = cKDTree(lifted(vertices, normals))
     return Target(vertices, normals, surface.faces, spread, tree, unit, origin)
 
 
@@ -121,10 +126,10 @@ def fit_to_surface(
     from scipy.spatial import cKDTree
 
     spread = target.spread[:count]
-    seen = _with_normals(target.vertices[spread], target.normals[spread])
+    seen = lifted(target.vertices[spread], target.normals[spread])
     for pull in pulls:
         posed = pose_body(model, state, derivatives=True)
-        own = _with_normals(posed.points, posed.normals)
+        own = lifted(posed.points, posed.normals)
         _, near = target.tree.query(own)
         _, back = cKDTree(own).query(seen)
         index = np.concatenate([np.arange(len(own)), back])
@@ -137,14 +142,57 @@ def fit_to_surface(
     return state
 
 
+def prepare_skin(mesh: Surface) -> SurfaceIndex:
+    """A surface on which places with like normals are sought. In metres of a body about `HEIGHT` tall."""
+    return SurfaceIndex(lifted(mesh.vertices, vertex_normals(mesh.vertices, mesh.faces)), mesh.faces)
+
+
+def fit_to_skin(
+    model: FitModel,
+    state: BodyState,
+    skin: SurfaceIndex,
+    pulls: list[Pull],
+    back: Target | None = None,
+    free: Int[Array, "free"] | None = None,
+) -> BodyState:
+    """Draw the model's points to the nearest places of a surface, a round for every pull; and those of `back`, if any, to
+    the model's.
+
+    `fit_to_surface` goes to vertices and finds a body from afar; this is for the last millimetres. Places whose normals turn
+    elsewhere do not count. `free` are the parameters that may change, in the order of `PosedBody.jacobian`.
+    """
+    for pull in pulls:
+        posed = pose_body(model, state, derivatives=True)
+        there = skin.closest(lifted(posed.points, posed.normals)).of(skin.vertices)
+        index, places, normals = np.arange(len(there)), there[:, :3], rot.unit(there[:, 3:])
+        share = np.full(len(index), 1.0 / len(index))
+        if back is not None:
+            index, places, normals, share = _with_back(posed, back, (index, places, normals, share))
+        away = places - posed.points[index]
+        alike = (normals * posed.normals[index]).sum(axis=1) > LEAST_AGREEMENT
+        weight = _robust(np.linalg.norm(away, axis=1), pull.reach) * alike * share
+        normal, gradient = _along(posed, index, normals, away, weight, pull.across)
+        state = _step(model, state, normal, gradient, pull, free)
+    return state
+
+
+def _with_back(posed: PosedBody, back: Target, pairs: tuple[Array, ...]) -> tuple[Array, ...]:
+    from scipy.spatial import cKDTree
+
+    seen = lifted(back.vertices[back.spread], back.normals[back.spread])
+    _, near = cKDTree(lifted(posed.points, posed.normals)).query(seen)
+    more = near, seen[:, :3], back.normals[back.spread], np.full(len(near), 1.0 / len(near))
+    return tuple(np.concatenate(both) for both in zip(pairs, more))
+
+
 def misfit(model: FitModel, state: BodyState, target: Target, feet: Bool[Array, "points"]) -> Misfit:
     """How far the fitted body is from the surface; `feet` are the model's points on them."""
     from scipy.spatial import cKDTree
 
     posed = pose_body(model, state)
-    own = _with_normals(posed.points, posed.normals)
+    own = lifted(posed.points, posed.normals)
     _, near = target.tree.query(own)
-    _, back = cKDTree(own).query(_with_normals(target.vertices[target.spread], target.normals[target.spread]))
+    _, back = cKDTree(own).query(lifted(target.vertices[target.spread], target.normals[target.spread]))
     there = np.linalg.norm(target.vertices[near] - posed.points, axis=1)
     here = np.linalg.norm(target.vertices[target.spread] - posed.points[back], axis=1)
     return Misfit(_root_mean_square(there), _root_mean_square(here),
@@ -186,7 +234,8 @@ def scaled_shape(shape: Float[Array, "shapes"], factor: float) -> Float[Array, "
     return scaled
 
 
-def _with_normals(points: Float[Array, "points 3"], normals: Float[Array, "points 3"]) -> Float[Array, "points 6"]:
+def lifted(points: Float[Array, "points 3"], normals: Float[Array, "points 3"]) -> Float[Array, "points 6"]:
+    """Points with their normals beside them, `LIKE_NORMALS` long: neighbours are then near and turned alike."""
     return np.concatenate([points, LIKE_NORMALS * normals], axis=1)
 
 
@@ -231,19 +280,27 @@ def _step(
     normal: Float[Array, "parameters parameters"],
     gradient: Float[Array, "parameters"],
     pull: Pull,
+    free: Int[Array, "free"] | None = None,
 ) -> BodyState:
-    """Add what is usual of poses and shapes, solve, and move."""
+    """Add what is usual of poses and shapes, solve, and move; only the `free` parameters, if any are named."""
     count, parents = len(model.parents), model.parents
     relative = np.matmul(state.turns[parents[1:]].transpose(0, 2, 1), state.turns[1:])
-    bent = rot.to_rotation_vector(rot.from_matrix(relative))
+    bent = rot.to_rotation_vector(rot.from_matrix(relative)) - model.bends[1:]
     diagonal = np.zeros(len(gradient))
-    usual = pull.pose * np.repeat(np.minimum(1.0, np.sqrt(inertia(model)[1:] / LIMB)), 3)
+    held = pull.pose * np.minimum(1.0, np.sqrt(inertia(model)[1:] / LIMB))
+    held[model.fingers - 1 :] = np.maximum(held[model.fingers - 1 :], pull.fingers)
+    usual = np.repeat(held, 3)
     diagonal[3 : 3 * count] = usual
     gradient[3 : 3 * count] -= usual * np.einsum("jab,jb->ja", state.turns[parents[1:]], bent).ravel()
     stiff = pull.shape / model.spread**2
     diagonal[3 * count + 3 :] = stiff
     gradient[3 * count + 3 :] -= stiff * (state.shape - model.usual)
-    diagonal += 1e-6 + 1e-9 * np.trace(normal) / len(gradient)
-    step = np.linalg.solve(normal + np.diag(diagonal), gradient)
+    diagonal += min(1e-6, 0.1 * pull.pose) + 1e-9 * np.trace(normal) / len(gradient)
+    matrix = normal + np.diag(diagonal)
+    step = np.zeros(len(gradient))
+    if free is None:
+        step = np.linalg.solve(matrix, gradient)
+    else:
+        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], gradient[free])
     largest = np.abs(step[: 3 * count]).max()
     return moved_state(state, step * min(1.0, LARGEST_TURN / max(largest, 1e-12)), parents)

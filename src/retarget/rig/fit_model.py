@@ -35,6 +35,10 @@ class FitModel:
     """How far each coefficient is expected to go: one standard deviation."""
     usual: Float[Array, "shapes"]
     """The shape that coefficients are expected around."""
+    bends: Float[Array, "joints 3"]
+    """Rotation vectors that the joints' turns from their parents are expected around, in the rest pose's axes."""
+    fingers: int
+    """Joints from this one on are fingers."""
 
     def around(self, shape: Float[Array, "shapes"]) -> FitModel:
         """The same body, expected to be near another shape."""
@@ -42,10 +46,13 @@ class FitModel:
 
     def at(self, chosen: Int[Array, "chosen"] | slice) -> FitModel:
         """The same body at some of its points."""
-        return FitModel(
-            self.parents, self.points[chosen], self.normals[chosen], self.joints, self.weights[chosen],
-            self.point_basis[:, chosen], self.joint_basis, self.spread, self.usual,
-        )  # fmt: skip
+        return replace(
+            self,
+            points=self.points[chosen],
+            normals=self.normals[chosen],
+            weights=self.weights[chosen],
+            point_basis=self.point_basis[:, chosen],
+        )
 
     def points_of(self, shape: Float[Array, "shapes"]) -> Float[Array, "points 3"]:
         """Points at rest in a shape."""

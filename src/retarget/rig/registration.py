@@ -12,20 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from retarget.body import rotations as rot
 from retarget.geometry.closest import SurfaceIndex
-from retarget.geometry.resample import Surface
 from retarget.geometry.spectral import laplacian
 from retarget.geometry.topology import vertex_normals
-from retarget.rig.fit import LIKE_NORMALS
+from retarget.rig.fit import LEAST_AGREEMENT, LIKE_NORMALS, lifted
 
 Array = np.ndarray
 
 WAVES = (0.5, 0.35, 0.25, 0.18, 0.13, 0.1, 0.08)
 """Metres: displacements that change over less than this are resisted, a round each."""
-REACH = (0.08, 0.06, 0.05, 0.04, 0.03, 0.025, 0.02)
+REACH = (0.03, 0.03, 0.03, 0.03, 0.02, 0.02, 0.02)
 """Metres beyond which a nearest place pulls little."""
-LEAST_AGREEMENT = 0.5
-"""Cosine between normals below which a nearest place is of another part."""
+ACROSS = 0.2
+"""Share of the way across the normal that is gone: a like normal tells where a vertex lies on the surface, but less surely."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,36 +39,35 @@ class Registered:
     """Whether the mesh has a counterpart of the vertex nearby; the others follow their neighbours."""
 
 
-def register(posed: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], mesh: Surface) -> Registered:
-    """Lay a fitted template onto a mesh of the same scale (metres of a body about 1.7 m tall)."""
+def register(posed: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], skin: SurfaceIndex) -> Registered:
+    """Lay a fitted template onto a mesh of the same scale (`fit.prepare_skin`; metres of a body about 1.7 m tall)."""
     from scipy.sparse import diags
     from scipy.sparse.linalg import splu
 
     stiffness, masses = laplacian(posed, faces)
     masses = np.maximum(masses, 1e-6 * masses.mean())
     bending = (stiffness @ diags(1.0 / masses) @ stiffness).tocsc()
-    normals = vertex_normals(mesh.vertices, mesh.faces)
-    index = SurfaceIndex(np.concatenate([mesh.vertices, LIKE_NORMALS * normals], axis=1), mesh.faces)
     vertices = posed
     for wave, reach in zip(WAVES, REACH):
-        away, weight = _pulls(vertices, faces, index, reach)
+        away, weight = _pulls(vertices, faces, skin, reach)
         pull = masses * weight
         matrix = (diags(pull) + (wave / (2 * np.pi)) ** 4 * bending + diags(1e-6 * masses)).tocsc()
         factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         wanted = pull[:, None] * (vertices + away - posed)
         vertices = posed + factor.solve(wanted)
-    _, weight = _pulls(vertices, faces, index, REACH[-1])
+    _, weight = _pulls(vertices, faces, skin, REACH[-1])
     return Registered(vertices, vertex_normals(vertices, faces), weight > 0.25)
 
 
 def _pulls(
-    vertices: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], index: SurfaceIndex, reach: float
+    vertices: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], skin: SurfaceIndex, reach: float
 ) -> tuple[Float[Array, "vertices 3"], Float[Array, "vertices"]]:
-    """Ways to the nearest place of a like normal, and how much each counts."""
-    normals = vertex_normals(vertices, faces)
-    places = index.closest(np.concatenate([vertices, LIKE_NORMALS * normals], axis=1))
-    there = places.of(index.vertices)
+    """Ways to the nearest place of a like normal, shortened across its normal, and how much each counts."""
+    own = vertex_normals(vertices, faces)
+    there = skin.closest(lifted(vertices, own)).of(skin.vertices)
+    normals = rot.unit(there[:, 3:])
     away = there[:, :3] - vertices
-    agreement = (there[:, 3:] / LIKE_NORMALS * normals).sum(axis=1)
     weight = 1.0 / (1.0 + (np.linalg.norm(away, axis=1) / reach) ** 2) ** 2
-    return away, np.where(agreement > LEAST_AGREEMENT, weight, 0.0)
+    agreement = (there[:, 3:] / LIKE_NORMALS * own).sum(axis=1)
+    along = (away * normals).sum(axis=1)[:, None] * normals
+    return along + ACROSS * (away - along), np.where(agreement > LEAST_AGREEMENT, weight, 0.0)

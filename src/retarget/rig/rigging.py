@@ -21,14 +21,14 @@ from retarget.body.kinematics import rest_pose
 from retarget.character import Character, Mesh, PointCloud, Skeleton, Skin
 from retarget.errors import RetargetError
 from retarget.geometry.closest import Places
-from retarget.geometry.resample import Surface, cleaned, decimate
+from retarget.geometry.resample import Surface
 from retarget.progress import Tell, untold
-from retarget.rig.fit import LIKE_NORMALS, Pull, Target, fit_to_places, fit_to_surface
-from retarget.rig.fit_model import BodyState, FitModel, part_transforms, pose_body
-from retarget.rig.registration import Registered, register
+from retarget.rig.fit import LIKE_NORMALS, Target
+from retarget.rig.fit_model import part_transforms
+from retarget.rig.laying import LaidOn, lay_on
 from retarget.rig.rest import rest_from_pose
 from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_of
-from retarget.rig.template import SAMPLES, Template, intrinsic_body
+from retarget.rig.template import Template, intrinsic_body
 from retarget.rig.templates import human_template
 from retarget.rig.weights import HELD_AWAY, places_on_template, rigid_pieces, sparse_weights
 from retarget.rig.working_surface import WorkingSurface, finite_surface, surface_of_points, working_surfaces
@@ -37,14 +37,8 @@ Array = np.ndarray
 
 LEAST_CONFIDENCE = 0.34
 """Below this no rig is delivered: landmarks are asked for."""
-FINE = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 8
-FINGERS = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 5
-GUIDED = Pull(0.05, 1.0, 1e-5, 1e-6)
-REFIT = Pull(0.05, 1.0, 1e-6, 1e-7)
 LIKE_NORMALS_OF_PIECES = 0.3 * LIKE_NORMALS
 """How far apart opposite normals put two places on bodies put together of pieces, whose surfaces turn every way."""
-LAID_ON = 30_000
-"""Vertices of the mesh that the template is laid onto; larger ones are decimated for that."""
 UNITS = {"m": (1.0, 0.0), "cm": (0.01, 0.0), "mm": (0.001, 0.0), "dm": (0.1, 0.6), "inch": (0.0254, 0.6)}
 """Metres, and how much better the height must fit (in its logarithm) for the rarer ones."""
 PLAUSIBLE, USUAL = (0.4, 3.0), 1.7
@@ -69,14 +63,6 @@ class Rigged:
     """Metres in a unit of the mesh."""
     notes: tuple[str, ...]
     """What was inferred and chosen."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Fitted:
-    """The template's body in the mesh, in the target's metres."""
-
-    state: BodyState
-    registered: Registered
 
 
 def rig(
@@ -104,7 +90,7 @@ def rig(
     best, target = found.candidates[0], found.target
     tell("laying the template on", 1)
     moved = Surface((surface.vertices - target.origin) * target.unit, surface.faces)
-    fitted = _fitted(template, best, target, moved, None if known is None else (known - target.origin) * target.unit)
+    fitted = lay_on(template, best, target, moved, None if known is None else (known - target.origin) * target.unit)
     tell("weights", 1)
     model = template.model
     like_normals = LIKE_NORMALS_OF_PIECES if found.working.fused else LIKE_NORMALS
@@ -179,32 +165,6 @@ def _found(
     return best
 
 
-def _fitted(
-    template: Template, found: Candidate, target: Target, mesh: Surface, known: Float[Array, "template 3"] | None
-) -> _Fitted:
-    """The best candidate, finely: without, then with fingers; laid onto the mesh; and turned as the skin then says."""
-    body = template.body.at(template.samples[:SAMPLES]).around(found.usual)
-    state = fit_to_surface(body, found.state, target, FINE)
-    model = template.model.around(found.usual)
-    fine, state = model.at(template.samples), _with_fingers(state, model)
-    if known is not None:
-        state = fit_to_places(fine, state, known[template.samples], 6, GUIDED)
-    state = fit_to_surface(fine, state, target, FINGERS)
-    laid_on = mesh if len(mesh) <= LAID_ON else decimate(cleaned(mesh), LAID_ON)
-    registered = register(pose_body(model, state).points, template.faces, laid_on)
-    state = fit_to_places(fine, state, registered.vertices[template.samples], 2, REFIT)
-    return _Fitted(state, registered)
-
-
-def _with_fingers(state: BodyState, model: FitModel) -> BodyState:
-    """The same state with fingers that follow their hands."""
-    turns = np.empty((len(model.parents), 3, 3))
-    turns[: len(state.turns)] = state.turns
-    for joint in range(len(state.turns), len(turns)):
-        turns[joint] = turns[model.parents[joint]]
-    return BodyState(state.shape, turns, state.root)
-
-
 def likely_unit(height: float) -> tuple[float, str]:
     """Metres in a unit by which a body so many units tall is likely, and why."""
     likely = [
@@ -219,7 +179,7 @@ def likely_unit(height: float) -> tuple[float, str]:
 
 
 def _character(
-    template: Template, fitted: _Fitted, mesh: Mesh, skin: tuple[Array, Array], floor: float, scale: float
+    template: Template, fitted: LaidOn, mesh: Mesh, skin: tuple[Array, Array], floor: float, scale: float
 ) -> Character:
     """Skeleton and weights of the template on the mesh, which is at rest; feet on y = 0, hips at x = z = 0."""
     skeleton, (columns, weights) = template.skeleton, skin
@@ -240,7 +200,7 @@ def _character(
     )
 
 
-def _all_joints(template: Template, fitted: _Fitted) -> Float[Array, "joints 3"]:
+def _all_joints(template: Template, fitted: LaidOn) -> Float[Array, "joints 3"]:
     """Every joint of the template's character at rest: fitted ones from the shape, the others from the skin around them."""
     model = template.model
     joints = np.empty((len(template.skeleton), 3))

@@ -141,9 +141,16 @@ def make_template(parts: Parts) -> Template:
         np.concatenate([parts.component_joints, own_joints[:, follow], rest[None, joints]]),
         np.concatenate([np.ones(len(parts.components)), np.full(len(own), PART_SPREAD), [10.0]]),
         np.zeros(len(parts.components) + len(own) + 1),
+        np.zeros((len(names), 3)),
+        body,
     )
     without_fingers = replace(
-        model, parents=parents[:body], joints=model.joints[:body], weights=alone, joint_basis=model.joint_basis[:, :body]
+        model,
+        parents=parents[:body],
+        joints=model.joints[:body],
+        weights=alone,
+        joint_basis=model.joint_basis[:, :body],
+        bends=model.bends[:body],
     )
     samples = farthest_points(vertices, SAMPLES + FINER, parts.ends[0])
     shapes = {name: _grown(model, names, groups, growth) for name, growth in parts.starts.items()}

@@ -23,7 +23,7 @@ from retarget.rig.working_surface import working_surfaces
 
 Array = np.ndarray
 
-BODIES, COMPONENTS = 160, 24
+BODIES, COMPONENTS = 300, 60
 """Random embedded bodies, and the principal components kept of them."""
 ENDS = dict(zip(TIPS, ("crown", "leftMiddleTip", "rightMiddleTip", "leftBigToeTip", "rightBigToeTip")))
 """Landmarks of the embedded human at the body's ends."""
