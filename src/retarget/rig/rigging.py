@@ -28,10 +28,18 @@ from retarget.rig.fit_model import BodyState, FitModel, part_transforms, pose_bo
 from retarget.rig.registration import Registered, register
 from retarget.rig.rest import rest_from_pose
 from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_of
+from retarget.rig.shares import bare_parts
 from retarget.rig.template import SAMPLES, Template, intrinsic_body
 from retarget.rig.templates import human_template
 from retarget.rig.weights import HELD_AWAY, places_on_template, rigid_pieces, sparse_weights
-from retarget.rig.working_surface import WorkingSurface, finite_surface, surface_of_points, working_surfaces
+from retarget.rig.working_surface import (
+    MOST_LEFT_OUT,
+    STANDS_APART,
+    WorkingSurface,
+    finite_surface,
+    surface_of_points,
+    working_surfaces,
+)
 
 Array = np.ndarray
 
@@ -100,15 +108,20 @@ def rig(
     known = None if surface_map is None else _known_places(template, surface, surface_map)
     found = _found(template, surface, Given.of(template, surface, landmarks or {}), tell, known)
     if found.confidence < LEAST_CONFIDENCE and not landmarks and known is None:
-        raise RetargetError(_doubtful(mesh, found))
+        raise RetargetError(_doubtful(surface, found.working, found.doubt, found.confidence))
     best, target = found.candidates[0], found.target
     tell("laying the template on", 1)
-    moved = Surface((surface.vertices - target.origin) * target.unit, surface.faces)
+    moved = _turned_like(Surface((surface.vertices - target.origin) * target.unit, surface.faces), target)
     fitted = _fitted(template, best, target, moved, None if known is None else (known - target.origin) * target.unit)
     tell("weights", 1)
     model = template.model
     like_normals = LIKE_NORMALS_OF_PIECES if found.working.fused else LIKE_NORMALS
     places = places_on_template(moved, fitted.registered, template.faces, model.points, like_normals)
+    bare = bare_parts(template, pose_body(model, fitted.state).points, moved, places)
+    lost = {name: share for name, share in bare.items() if not name.endswith("Hand")}  # a fist may lie in an armpit
+    if lost and not landmarks and known is None:
+        doubt = f"nothing of it is left for {', '.join(lost)}"
+        raise RetargetError(_doubtful(surface, found.working, doubt, found.confidence * min(lost.values())))
     away = np.linalg.norm(places.of(fitted.registered.vertices) - moved.vertices, axis=1)
     rest = rest_from_pose(model, fitted.state, rigid_pieces(moved, places.of(model.weights), away), moved.vertices)
     body = away < max(HELD_AWAY, float(np.median(away)))
@@ -118,6 +131,7 @@ def rig(
     skin = sparse_weights(rigid_pieces(moved, places.of(template.weights), away))
     character = _character(template, fitted, replace(mesh, vertices=rest), skin, floor, metres / target.unit)
     notes = (note, *((f"{found.working.pieces} pieces, taken as one body",) if found.working.fused else ()), best.how)
+    notes += (f"next to nothing of the mesh is {', '.join(bare)}",) if bare else ()
     joints, _ = part_transforms(model, fitted.state)
     return Rigged(
         character,
@@ -166,16 +180,23 @@ def _known_places(template: Template, surface: Surface, surface_map: Places) -> 
 def _found(
     template: Template, surface: Surface, given: Given, tell: Tell, known: Float[Array, "template 3"] | None
 ) -> _Found:
-    """The working surface whose best reading is the surest."""
+    """The working surface whose best reading is the surest. Raises `RetargetError` where nothing is named and no surface is one
+    body's alone."""
     best: _Found | None = None
     tell("preparing the surface", 1)
     for working in working_surfaces(surface):
+        if working.left_out > MOST_LEFT_OUT and not given and known is None:
+            if best is None:
+                apart = f"{100 * working.left_out:.0f} % of the surface {STANDS_APART}"
+                raise RetargetError(_doubtful(surface, working, apart, 0.0))
+            break
         target, found = candidates(template, intrinsic_body(working.surface), given, tell, known)
         this = _Found(working, target, found, *confidence_of(found))
         if best is None or this.confidence > best.confidence:
             best = this
         if best.confidence > CLEAR:
             break
+        tell("closing a shell around all pieces", 1)
     return best
 
 
@@ -194,6 +215,18 @@ def _fitted(
     registered = register(pose_body(model, state).points, template.faces, laid_on)
     state = fit_to_places(fine, state, registered.vertices[template.samples], 2, REFIT)
     return _Fitted(state, registered)
+
+
+def _turned_like(mesh: Surface, target: Target) -> Surface:
+    """The mesh with its faces turned over if most look against the working surface, which is oriented outward."""
+    from scipy.spatial import cKDTree
+
+    corners = mesh.vertices[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    near = cKDTree(target.vertices).query(corners.mean(axis=1))[1]
+    if np.einsum("fx,fx->", across, target.normals[near]) < 0:
+        return Surface(mesh.vertices, mesh.faces[:, ::-1])
+    return mesh
 
 
 def _with_fingers(state: BodyState, model: FitModel) -> BodyState:
@@ -252,11 +285,11 @@ def _all_joints(template: Template, fitted: _Fitted) -> Float[Array, "joints 3"]
     return joints
 
 
-def _doubtful(mesh: Mesh, found: _Found) -> str:
+def _doubtful(mesh: Surface, working: WorkingSurface, doubt: str, confidence: float) -> str:
     size = " x ".join(f"{extent:.3g}" for extent in np.ptp(mesh.vertices, axis=0))
-    count = f"{len(mesh.vertices)} vertices in {found.working.pieces} piece{'s' if found.working.pieces > 1 else ''}"
+    count = f"{len(mesh)} vertices in {working.pieces} piece{'s' if working.pieces > 1 else ''}"
     return (
-        f"no body was found with certainty in {count}, {size} units large: {found.doubt} "
-        f"(confidence {found.confidence:.2f}; {LEAST_CONFIDENCE} is needed). Say where some places are, by vertex: "
+        f"no body was found with certainty in {count}, {size} units large: {doubt} "
+        f"(confidence {confidence:.2f}; {LEAST_CONFIDENCE} is needed). Say where some places are, by vertex: "
         "--landmarks head=N,leftHand=N,rightHand=N,leftFoot=N,rightFoot=N"
     )
