@@ -102,7 +102,8 @@ def test_clouds_that_are_no_body(points, reason):
 def test_a_stray_triangle_far_away_does_not_matter():
     mesh = case(CLEAN).mesh
     far = mesh.vertices.max(axis=0) + 30 * np.ptp(mesh.vertices) + np.eye(3) * 0.01 * np.ptp(mesh.vertices)
-    found = rig(Mesh(np.concatenate([mesh.vertices, far]), np.concatenate([mesh.faces, [[len(mesh.vertices) + k for k in range(3)]]])))
+    faces = np.concatenate([mesh.faces, [len(mesh.vertices) + np.arange(3)]])
+    found = rig(Mesh(np.concatenate([mesh.vertices, far]), faces))
     assert found.confidence > 0.8 and errors(found, case(CLEAN)).mean() < 0.6
 
 

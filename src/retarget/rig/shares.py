@@ -16,14 +16,15 @@ Array = np.ndarray
 
 LIMBS = ("head", "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot")
 """Parts that every body has skin for, by the ends of their joints' names."""
-BARE = 0.1
-"""Share of its own skin below which a part has none to speak of. Of real bodies that are rigged well none has less than .4."""
+BARE = 0.15
+"""Share of its own skin, over the middle one of all parts', below which a part has none to speak of."""
 
 
 def bare_parts(
     template: Template, posed: Float[Array, "template 3"], mesh: Surface, places: Places
 ) -> dict[str, float]:
-    """Parts that have less than `BARE` of the area that they have on the fitted body, and what they have, the least first.
+    """Parts that have less than `BARE` of the area that they have on the fitted body, next to what the others have, and what
+    that is, the least first.
 
     `posed` is the fitted body in the mesh's space, `places` are those of the mesh's vertices on the template.
     """
@@ -37,7 +38,9 @@ def bare_parts(
         for part, name in enumerate(template.names[: weights.shape[1]])
         if name.endswith(LIMBS) and wanted[part] > 0
     }
-    return {name: share for name, share in sorted(shares.items(), key=lambda each: each[1]) if share < BARE}
+    usual = max(float(np.median(list(shares.values()))), 1e-12)
+    order = sorted(shares, key=lambda name: shares[name])
+    return {name: shares[name] / usual for name in order if shares[name] < BARE * usual}
 
 
 def _areas_by_part(surface: Surface, weights: Float[Array, "vertices parts"]) -> Float[Array, "parts"]:
