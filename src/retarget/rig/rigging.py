@@ -31,6 +31,7 @@ from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_
 from retarget.rig.shares import bare_parts
 from retarget.rig.template import SAMPLES, Template, intrinsic_body
 from retarget.rig.templates import human_template
+from retarget.rig.unit import likely_unit, usual_height
 from retarget.rig.weights import HELD_AWAY, places_on_template, rigid_pieces, sparse_weights
 from retarget.rig.working_surface import (
     MOST_LEFT_OUT,
@@ -53,10 +54,6 @@ LIKE_NORMALS_OF_PIECES = 0.3 * LIKE_NORMALS
 """How far apart opposite normals put two places on bodies put together of pieces, whose surfaces turn every way."""
 LAID_ON = 30_000
 """Vertices of the mesh that the template is laid onto; larger ones are decimated for that."""
-UNITS = {"m": (1.0, 0.0), "cm": (0.01, 0.0), "mm": (0.001, 0.0), "dm": (0.1, 0.6), "inch": (0.0254, 0.6)}
-"""Metres, and how much better the height must fit (in its logarithm) for the rarer ones."""
-PLAUSIBLE, USUAL = (0.4, 3.0), 1.7
-"""Heights of bodies in metres by which a unit is told, and the likeliest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +124,8 @@ def rig(
     body = away < max(HELD_AWAY, float(np.median(away)))
     floor, top = float(rest[body, 1].min()), float(rest[body, 1].max())
     height = (top - floor) / target.unit
-    metres, note = likely_unit(height) if unit is None else (unit, f"{height * unit:.2f} m tall")
+    told = (unit, f"{height * (unit or 0.0):.2f} m tall")
+    metres, note = likely_unit(height, usual_height(template, fitted.state.shape)) if unit is None else told
     skin = sparse_weights(rigid_pieces(moved, places.of(template.weights), away))
     character = _character(template, fitted, replace(mesh, vertices=rest), skin, floor, metres / target.unit)
     notes = (note, *((f"{found.working.pieces} pieces, taken as one body",) if found.working.fused else ()), best.how)
@@ -236,19 +234,6 @@ def _with_fingers(state: BodyState, model: FitModel) -> BodyState:
     for joint in range(len(state.turns), len(turns)):
         turns[joint] = turns[model.parents[joint]]
     return BodyState(state.shape, turns, state.root)
-
-
-def likely_unit(height: float) -> tuple[float, str]:
-    """Metres in a unit by which a body so many units tall is likely, and why."""
-    likely = [
-        (abs(np.log(height * unit / USUAL)) + rare, name, unit)
-        for name, (unit, rare) in UNITS.items()
-        if PLAUSIBLE[0] <= height * unit <= PLAUSIBLE[1]
-    ]
-    if likely:
-        _, name, unit = min(likely)
-        return unit, f"unit {name}: the body is {height * unit:.2f} m tall"
-    return USUAL / height, f"no unit makes a height of {height:.4g} plausible: scaled to {USUAL:.2f} m"
 
 
 def _character(
