@@ -96,9 +96,11 @@ def rig(
 
     `landmarks` name vertices or places of the mesh by the template's landmarks (`Template.landmarks`). `surface_map` is
     the place of each vertex on the template's mesh, where it is known. `unit` is metres in a unit of the mesh; without it
-    the unit that makes a plausible height is taken. Raises `RetargetError` for a mesh that cannot
-    be worked on, that holds no body of the template's kind, or of which more must be known.
+    the unit that makes a plausible height is taken. Raises `RetargetError` for a unit that is no length, for a mesh that
+    cannot be worked on, that holds no body of the template's kind, or of which more must be known.
     """
+    if unit is not None and not 0.0 < unit < float("inf"):
+        raise RetargetError(f"a unit of {unit:g} metres; it must be a length above nought")
     template = template or human_template()
     mesh = _as_mesh(body, tell)
     surface = finite_surface(mesh.vertices, mesh.faces)

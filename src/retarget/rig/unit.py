@@ -19,8 +19,9 @@ PLAUSIBLE, USUAL = (0.4, 3.0), 1.7
 RARELY = 2.0
 """How many times the likeliest height a body may be smaller or larger by which a rarer unit is told."""
 SMALL_CHILD = ((0.115, 1.0), (0.155, 0.6))
-"""Head above its joint as a share of the height, and metres of the height, of embedded bodies of about two years and none. Above the
-second are heads of toys, which say nothing of the height."""
+"""Head above its joint as a share of the height, and metres of the height, of embedded bodies of about two years and none."""
+TOY = 0.18
+"""Share from which a head is a toy's and says nothing of the height."""
 
 
 def usual_height(template: Template, shape: Float[Array, "shapes"]) -> float:
@@ -29,7 +30,7 @@ def usual_height(template: Template, shape: Float[Array, "shapes"]) -> float:
     head = float(points[template.landmarks["head"], 1] - joints[template.names.index("head"), 1])
     share = head / float(np.ptp(points[:, 1]))
     (least, tall), (most, small) = SMALL_CHILD
-    return float(np.interp(share, (least, most), (tall, small))) if least < share <= most else USUAL
+    return float(np.interp(share, (least, most), (tall, small))) if least < share < TOY else USUAL
 
 
 def likely_unit(height: float, usual: float = USUAL) -> tuple[float, str]:
