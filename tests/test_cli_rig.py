@@ -125,3 +125,10 @@ def test_landmarks_that_are_none(text):
 def test_a_landmark_given_twice():
     with pytest.raises(RetargetError, match="'head' is given twice"):
         parse_landmarks("head=3,head=4")
+
+
+@pytest.mark.parametrize("unit", ["0", "-1", "nan", "inf"])
+def test_units_that_are_no_length(command, statue, tmp_path, unit):
+    code, _, err = command("rig", statue, "-o", tmp_path / "m.glb", "--unit", unit)
+    assert code == 2 and "it must be a length above nought" in err and err.count("\n") == 1
+    assert not (tmp_path / "m.glb").exists()

@@ -50,7 +50,7 @@ def rig_file(order: RigOrder, progress: bool = False) -> dict[str, Any]:
         tell("preparing the template", 0)
         template = human_template() if order.template is None else _template_of(order.template)
         known = None if order.surface_map is None else read_surface_map(order.surface_map, len(template.model.points))
-        unit = order.unit or asset.convention.metres_per_unit
+        unit = asset.convention.metres_per_unit if order.unit is None else order.unit
         try:
             found = rig(body, template, landmarks, known, unit, tell)
         except RetargetError as error:

@@ -203,17 +203,3 @@ def test_a_template_needs_a_surface():
     few = replace(actor.humanoid, joints={name: joint for name, joint in actor.humanoid.joints.items() if name != "head"})
     with pytest.raises(RetargetError, match="it lacks head"):
         character_template(actor.character, few)
-
-
-@pytest.mark.parametrize("height, unit", [(1.7, 1.0), (170.0, 0.01), (1700.0, 0.001), (66.9, 0.0254)])
-def test_the_unit_is_told_by_the_height(height, unit):
-    from retarget.rig.rigging import likely_unit
-
-    assert likely_unit(height)[0] == pytest.approx(unit)
-
-
-def test_an_unlikely_height_is_scaled():
-    from retarget.rig.rigging import likely_unit
-
-    unit, note = likely_unit(3.9e6)
-    assert unit * 3.9e6 == pytest.approx(1.7) and "scaled to 1.70 m" in note

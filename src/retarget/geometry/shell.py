@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from retarget.errors import RetargetError
 from retarget.geometry.resample import Surface
 
 Array = np.ndarray
@@ -17,6 +18,8 @@ CELLS = 150
 """Voxels along the longest side."""
 SOFTNESS = 0.8
 """Voxels over which the border is smoothed."""
+MOST_COVERING = 20_000_000
+"""Points that a surface is covered by, at most: many times what a body takes at `CELLS`."""
 
 
 def shell(
@@ -50,11 +53,19 @@ def shell(
 
 
 def covering_points(surface: Surface, step: float) -> Float[Array, "points 3"]:
-    """Points on all faces, no farther apart than a step."""
+    """Points on all faces, no farther apart than a step.
+
+    Raises `RetargetError` for a surface of so large an area for its step that more than `MOST_COVERING` points would do it.
+    """
     corners = surface.vertices[surface.faces]
     a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     longest = np.sqrt(np.maximum.reduce([(side**2).sum(axis=1) for side in (ab, ac, ac - ab)]))
     divisions = np.maximum(1, np.ceil(longest / step)).astype(int)
+    total = int(((divisions + 1) * (divisions + 2) // 2).sum())
+    if total > MOST_COVERING:
+        raise RetargetError(
+            f"its {len(surface.faces)} triangles criss-cross: together they have many times the area of any body of this size"
+        )
     found = [surface.vertices]
     for count in np.unique(divisions):
         own = divisions == count

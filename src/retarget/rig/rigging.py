@@ -28,10 +28,19 @@ from retarget.rig.fit_model import part_transforms
 from retarget.rig.laying import LaidOn, lay_on
 from retarget.rig.rest import rest_from_pose
 from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_of
+from retarget.rig.shares import bare_parts
 from retarget.rig.template import Template, intrinsic_body
 from retarget.rig.templates import human_template
+from retarget.rig.unit import likely_unit, usual_height
 from retarget.rig.weights import HELD_AWAY, places_on_template, rigid_pieces, sparse_weights
-from retarget.rig.working_surface import WorkingSurface, finite_surface, surface_of_points, working_surfaces
+from retarget.rig.working_surface import (
+    MOST_LEFT_OUT,
+    STANDS_APART,
+    WorkingSurface,
+    finite_surface,
+    surface_of_points,
+    working_surfaces,
+)
 
 Array = np.ndarray
 
@@ -39,10 +48,6 @@ LEAST_CONFIDENCE = 0.34
 """Below this no rig is delivered: landmarks are asked for."""
 LIKE_NORMALS_OF_PIECES = 0.3 * LIKE_NORMALS
 """How far apart opposite normals put two places on bodies put together of pieces, whose surfaces turn every way."""
-UNITS = {"m": (1.0, 0.0), "cm": (0.01, 0.0), "mm": (0.001, 0.0), "dm": (0.1, 0.6), "inch": (0.0254, 0.6)}
-"""Metres, and how much better the height must fit (in its logarithm) for the rarer ones."""
-PLAUSIBLE, USUAL = (0.4, 3.0), 1.7
-"""Heights of bodies in metres by which a unit is told, and the likeliest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,33 +82,42 @@ def rig(
 
     `landmarks` name vertices or places of the mesh by the template's landmarks (`Template.landmarks`). `surface_map` is
     the place of each vertex on the template's mesh, where it is known. `unit` is metres in a unit of the mesh; without it
-    the unit that makes a plausible height is taken. Raises `RetargetError` for a mesh that cannot
-    be worked on, that holds no body of the template's kind, or of which more must be known.
+    the unit that makes a plausible height is taken. Raises `RetargetError` for a unit that is no length, for a mesh that
+    cannot be worked on, that holds no body of the template's kind, or of which more must be known.
     """
+    if unit is not None and not 0.0 < unit < float("inf"):
+        raise RetargetError(f"a unit of {unit:g} metres; it must be a length above nought")
     template = template or human_template()
     mesh = _as_mesh(body, tell)
     surface = finite_surface(mesh.vertices, mesh.faces)
     known = None if surface_map is None else _known_places(template, surface, surface_map)
     found = _found(template, surface, Given.of(template, surface, landmarks or {}), tell, known)
     if found.confidence < LEAST_CONFIDENCE and not landmarks and known is None:
-        raise RetargetError(_doubtful(mesh, found))
+        raise RetargetError(_doubtful(surface, found.working, found.doubt, found.confidence))
     best, target = found.candidates[0], found.target
     tell("laying the template on", 1)
-    moved = Surface((surface.vertices - target.origin) * target.unit, surface.faces)
+    moved = _turned_like(Surface((surface.vertices - target.origin) * target.unit, surface.faces), target)
     fitted = lay_on(template, best, target, moved, None if known is None else (known - target.origin) * target.unit)
     tell("weights", 1)
     model = template.model
     like_normals = LIKE_NORMALS_OF_PIECES if found.working.fused else LIKE_NORMALS
     places = places_on_template(moved, fitted.registered, template.faces, model.points, like_normals)
+    bare = bare_parts(template, pose_body(model, fitted.state).points, moved, places)
+    lost = {name: share for name, share in bare.items() if not name.endswith("Hand")}  # a fist may lie in an armpit
+    if lost and not landmarks and known is None:
+        doubt = f"nothing of it is left for {', '.join(lost)}"
+        raise RetargetError(_doubtful(surface, found.working, doubt, found.confidence * min(lost.values())))
     away = np.linalg.norm(places.of(fitted.registered.vertices) - moved.vertices, axis=1)
     rest = rest_from_pose(model, fitted.state, rigid_pieces(moved, places.of(model.weights), away), moved.vertices)
     body = away < max(HELD_AWAY, float(np.median(away)))
     floor, top = float(rest[body, 1].min()), float(rest[body, 1].max())
     height = (top - floor) / target.unit
-    metres, note = likely_unit(height) if unit is None else (unit, f"{height * unit:.2f} m tall")
+    told = (unit, f"{height * (unit or 0.0):.2f} m tall")
+    metres, note = likely_unit(height, usual_height(template, fitted.state.shape)) if unit is None else told
     skin = sparse_weights(rigid_pieces(moved, places.of(template.weights), away))
     character = _character(template, fitted, replace(mesh, vertices=rest), skin, floor, metres / target.unit)
     notes = (note, *((f"{found.working.pieces} pieces, taken as one body",) if found.working.fused else ()), best.how)
+    notes += (f"next to nothing of the mesh is {', '.join(bare)}",) if bare else ()
     joints, _ = part_transforms(model, fitted.state)
     return Rigged(
         character,
@@ -152,30 +166,36 @@ def _known_places(template: Template, surface: Surface, surface_map: Places) -> 
 def _found(
     template: Template, surface: Surface, given: Given, tell: Tell, known: Float[Array, "template 3"] | None
 ) -> _Found:
-    """The working surface whose best reading is the surest."""
+    """The working surface whose best reading is the surest. Raises `RetargetError` where nothing is named and no surface is one
+    body's alone."""
     best: _Found | None = None
     tell("preparing the surface", 1)
     for working in working_surfaces(surface):
+        if working.left_out > MOST_LEFT_OUT and not given and known is None:
+            if best is None:
+                apart = f"{100 * working.left_out:.0f} % of the surface {STANDS_APART}"
+                raise RetargetError(_doubtful(surface, working, apart, 0.0))
+            break
         target, found = candidates(template, intrinsic_body(working.surface), given, tell, known)
         this = _Found(working, target, found, *confidence_of(found))
         if best is None or this.confidence > best.confidence:
             best = this
         if best.confidence > CLEAR:
             break
+        tell("closing a shell around all pieces", 1)
     return best
 
 
-def likely_unit(height: float) -> tuple[float, str]:
-    """Metres in a unit by which a body so many units tall is likely, and why."""
-    likely = [
-        (abs(np.log(height * unit / USUAL)) + rare, name, unit)
-        for name, (unit, rare) in UNITS.items()
-        if PLAUSIBLE[0] <= height * unit <= PLAUSIBLE[1]
-    ]
-    if likely:
-        _, name, unit = min(likely)
-        return unit, f"unit {name}: the body is {height * unit:.2f} m tall"
-    return USUAL / height, f"no unit makes a height of {height:.4g} plausible: scaled to {USUAL:.2f} m"
+def _turned_like(mesh: Surface, target: Target) -> Surface:
+    """The mesh with its faces turned over if most look against the working surface, which is oriented outward."""
+    from scipy.spatial import cKDTree
+
+    corners = mesh.vertices[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    near = cKDTree(target.vertices).query(corners.mean(axis=1))[1]
+    if np.einsum("fx,fx->", across, target.normals[near]) < 0:
+        return Surface(mesh.vertices, mesh.faces[:, ::-1])
+    return mesh
 
 
 def _character(
@@ -212,11 +232,11 @@ def _all_joints(template: Template, fitted: LaidOn) -> Float[Array, "joints 3"]:
     return joints
 
 
-def _doubtful(mesh: Mesh, found: _Found) -> str:
+def _doubtful(mesh: Surface, working: WorkingSurface, doubt: str, confidence: float) -> str:
     size = " x ".join(f"{extent:.3g}" for extent in np.ptp(mesh.vertices, axis=0))
-    count = f"{len(mesh.vertices)} vertices in {found.working.pieces} piece{'s' if found.working.pieces > 1 else ''}"
+    count = f"{len(mesh)} vertices in {working.pieces} piece{'s' if working.pieces > 1 else ''}"
     return (
-        f"no body was found with certainty in {count}, {size} units large: {found.doubt} "
-        f"(confidence {found.confidence:.2f}; {LEAST_CONFIDENCE} is needed). Say where some places are, by vertex: "
+        f"no body was found with certainty in {count}, {size} units large: {doubt} "
+        f"(confidence {confidence:.2f}; {LEAST_CONFIDENCE} is needed). Say where some places are, by vertex: "
         "--landmarks head=N,leftHand=N,rightHand=N,leftFoot=N,rightFoot=N"
     )

@@ -59,6 +59,8 @@ WORTH_OF_LANDMARKS = 0.5
 """How much a metre of mean distance to given landmarks counts in a candidate's misfit."""
 WELL, ILL = 0.020, 0.045
 """Metres of the template's misfit that speak for a body, and against any."""
+CLOTHED, STRANGE = 0.064, 0.082
+"""Metres of the surface's misfit that clothes and tools come to, and those of a body lost in something larger."""
 CLEARLY = 0.25
 """Share by which the best reading is better than the next, from which there is no doubt between them."""
 
@@ -148,7 +150,8 @@ def candidates(
 
 
 def confidence_of(found: list[Candidate]) -> tuple[float, str]:
-    """0 to 1, and what is in doubt: how near the template lies, times how far the next different reading is behind."""
+    """0 to 1, and what is in doubt: how near the template lies and how much of the surface it explains, times how far the
+    next different reading is behind."""
     if not found:
         return 0.0, "it has no ends like a head, hands and feet"
     best = found[0]
@@ -156,8 +159,10 @@ def confidence_of(found: list[Candidate]) -> tuple[float, str]:
     others = [each for each in found[1:] if _differ(each, best)]
     behind = 1.0 - best.total / min(each.total for each in others) if others else 1.0
     clear = float(np.clip(behind / CLEARLY, 0.0, 1.0))
-    doubt = "no reading of it fits the template" if near < clear else "two readings of it fit about as well"
-    return float(np.sqrt(near * clear)), doubt
+    own = float(np.clip((STRANGE - best.misfit.surface) / (STRANGE - CLOTHED), 0.0, 1.0))
+    doubts = {"no reading of it fits the template": near, "two readings of it fit about as well": clear,
+              "much of it is nothing of the template's": own}  # fmt: skip
+    return float(np.sqrt(near * clear * own)), min(doubts, key=lambda doubt: doubts[doubt])
 
 
 def _differ(one: Candidate, other: Candidate) -> bool:
