@@ -21,11 +21,12 @@ Array = np.ndarray
 
 COARSE = [Pull(0.03, 0.02, 1e-6, 2e-7)] * 6
 CLOSE, CLOSE_ROUNDS = Pull(0.03, 0.01, 1e-7, 2e-8), 5
-CLOSEST, CLOSEST_ROUNDS = Pull(0.01, 0.01, 1e-8, 1e-8, 1e-7), 12
-WITHIN, MOST, AROUND = 0.001, 4.0, 16
+CLOSEST, CLOSEST_ROUNDS, WHOLE_ROUNDS = Pull(0.01, 0.01, 1e-8, 1e-8, 1e-7), 9, 3
+"""Pulls and rounds: of bodies without fingers, of sampled points with fingers, and then of all the template's points."""
+WITHIN, MOST, AROUND = 0.001, 3.5, 16
 """Metres (median) to which a body of the template's own kind comes, with what averages out over so many neighbours left out:
-noise and triangles. What stays further off has shapes that the model lacks, and would bend to make up for them: it is held to usual
-shapes and poses more, by the fourth power, until it lies `MOST` times as far off."""
+noise and triangles. What stays further off has shapes that the model lacks, and would bend to make up for them: it is held to
+usual shapes and poses more, by the fourth power, until it lies `MOST` times as far off."""
 WIDEST = 0.03
 """Metres of reach, at most."""
 GUIDED = Pull(0.05, 1.0, 1e-5, 1e-6)
@@ -62,7 +63,8 @@ def lay_on(
         model, state = fit_fingers(template.names, model, state, skin)
     fine = model.at(template.samples)
     state = fit_to_skin(fine, state, skin, [_held(CLOSEST, alien)] * CLOSEST_ROUNDS, target)
-    registered = register(pose_body(model, state).points, template.faces, skin)
+    state = fit_to_skin(model, state, skin, [_held(CLOSEST, alien)] * WHOLE_ROUNDS, target)
+    registered = register(pose_body(model, state).points, template.faces, skin, alien)
     state = fit_to_places(fine, state, registered.vertices[template.samples], 2, REFIT)
     return LaidOn(state, registered)
 

@@ -24,6 +24,8 @@ WAVES = (0.5, 0.35, 0.25, 0.18, 0.13, 0.1, 0.08)
 """Metres: displacements that change over less than this are resisted, a round each."""
 REACH = (0.03, 0.03, 0.03, 0.03, 0.02, 0.02, 0.02)
 """Metres beyond which a nearest place pulls little."""
+WIDEST = 0.08
+"""Metres that it reaches for bodies that lie further off, at most."""
 ACROSS = 0.2
 """Share of the way across the normal that is gone: a like normal tells where a vertex lies on the surface, but less surely."""
 
@@ -39,8 +41,14 @@ class Registered:
     """Whether the mesh has a counterpart of the vertex nearby; the others follow their neighbours."""
 
 
-def register(posed: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], skin: SurfaceIndex) -> Registered:
-    """Lay a fitted template onto a mesh of the same scale (`fit.prepare_skin`; metres of a body about 1.7 m tall)."""
+def register(
+    posed: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], skin: SurfaceIndex, alien: float = 1.0
+) -> Registered:
+    """Lay a fitted template onto a mesh of the same scale (`fit.prepare_skin`; metres of a body about 1.7 m tall).
+
+    `alien` is how many times as far as usual the fit left it from the mesh: it then reaches as many times as far, and goes
+    where normals are alike more fully.
+    """
     from scipy.sparse import diags
     from scipy.sparse.linalg import splu
 
@@ -49,18 +57,18 @@ def register(posed: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], sk
     bending = (stiffness @ diags(1.0 / masses) @ stiffness).tocsc()
     vertices = posed
     for wave, reach in zip(WAVES, REACH):
-        away, weight = _pulls(vertices, faces, skin, reach)
+        away, weight = _pulls(vertices, faces, skin, min(WIDEST, reach * alien), min(1.0, ACROSS * alien))
         pull = masses * weight
         matrix = (diags(pull) + (wave / (2 * np.pi)) ** 4 * bending + diags(1e-6 * masses)).tocsc()
         factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         wanted = pull[:, None] * (vertices + away - posed)
         vertices = posed + factor.solve(wanted)
-    _, weight = _pulls(vertices, faces, skin, REACH[-1])
+    _, weight = _pulls(vertices, faces, skin, REACH[-1], ACROSS)
     return Registered(vertices, vertex_normals(vertices, faces), weight > 0.25)
 
 
 def _pulls(
-    vertices: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], skin: SurfaceIndex, reach: float
+    vertices: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], skin: SurfaceIndex, reach: float, across: float
 ) -> tuple[Float[Array, "vertices 3"], Float[Array, "vertices"]]:
     """Ways to the nearest place of a like normal, shortened across its normal, and how much each counts."""
     own = vertex_normals(vertices, faces)
@@ -70,4 +78,4 @@ def _pulls(
     weight = 1.0 / (1.0 + (np.linalg.norm(away, axis=1) / reach) ** 2) ** 2
     agreement = (there[:, 3:] / LIKE_NORMALS * own).sum(axis=1)
     along = (away * normals).sum(axis=1)[:, None] * normals
-    return along + ACROSS * (away - along), np.where(agreement > LEAST_AGREEMENT, weight, 0.0)
+    return along + across * (away - along), np.where(agreement > LEAST_AGREEMENT, weight, 0.0)

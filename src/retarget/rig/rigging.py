@@ -24,7 +24,7 @@ from retarget.geometry.closest import Places
 from retarget.geometry.resample import Surface
 from retarget.progress import Tell, untold
 from retarget.rig.fit import LIKE_NORMALS, Target
-from retarget.rig.fit_model import part_transforms
+from retarget.rig.fit_model import part_transforms, pose_body
 from retarget.rig.laying import LaidOn, lay_on
 from retarget.rig.rest import rest_from_pose
 from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_of
