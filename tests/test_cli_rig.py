@@ -81,7 +81,8 @@ def test_maps_that_are_none(command, statue, tmp_path, name, content, reason):
 @pytest.mark.parametrize(
     "arrays, reason",
     [
-        ({"other": np.zeros(3)}, "holds neither 'map' nor 'corners' and 'weights'"),
+        ({"other": np.zeros(3)}, "holds neither 'map', nor 'corners' and 'weights', nor 'C' with its bases"),
+        ({"C": np.eye(20)}, "'C' means nothing without the eigenfunctions it is between; 'mesh_basis' is missing"),
         ({"map": np.zeros((3, 2), dtype=int)}, "'map' must be one number for each vertex"),
         ({"corners": np.zeros((3, 2), dtype=int), "weights": np.zeros((3, 2))}, "must be rows of three"),
         ({"corners": np.zeros((3, 3), dtype=int), "weights": np.zeros((3, 3))}, "each row must sum to one"),

@@ -27,7 +27,7 @@ def rig(
     surface_map: Annotated[
         Optional[Path],
         typer.Option(
-            help="Map onto the template: its vertex for each of the mesh's (.txt, .csv, .npz).", show_default=False
+            help="Map onto the template: its vertex for each of the mesh's (.txt, .csv, .npz), or C (.npz).", show_default=False
         ),
     ] = None,
     unit: Annotated[
