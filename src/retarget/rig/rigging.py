@@ -27,7 +27,8 @@ from retarget.rig.fit import LIKE_NORMALS, Pull, Target, fit_to_places, fit_to_s
 from retarget.rig.fit_model import BodyState, FitModel, part_transforms, pose_body
 from retarget.rig.registration import Registered, register
 from retarget.rig.rest import rest_from_pose
-from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_of
+from retarget.rig.given import Given, expect_landmarks
+from retarget.rig.search import CLEAR, FAR_FROM_LANDMARK, ILL, Candidate, candidates, confidence_of
 from retarget.rig.template import SAMPLES, Template, intrinsic_body
 from retarget.rig.templates import human_template
 from retarget.rig.weights import HELD_AWAY, places_on_template, rigid_pieces, sparse_weights
@@ -89,18 +90,24 @@ def rig(
 ) -> Rigged:
     """Give a mesh the template's skeleton, weights and rest pose. A cloud of points gets a closed surface first.
 
-    `landmarks` name vertices or places of the mesh by the template's landmarks (`Template.landmarks`). `surface_map` is
-    the place of each vertex on the template's mesh, where it is known. `unit` is metres in a unit of the mesh; without it
-    the unit that makes a plausible height is taken. Raises `RetargetError` for a mesh that cannot
-    be worked on, that holds no body of the template's kind, or of which more must be known.
+    `landmarks` name vertices or places of the mesh by the template's landmarks (`Template.landmarks`, or the number of a vertex
+    of its mesh, as text); a template that is no human needs four. `surface_map` is the place of each vertex on the template's
+    mesh, where it is known. `unit` is metres in a unit of the mesh; without it the unit that makes a plausible height is
+    taken. Raises `RetargetError` for a mesh that cannot be worked on, that holds no body of the template's kind, or of which
+    more must be known.
     """
     template = template or human_template()
     mesh = _as_mesh(body, tell)
     surface = finite_surface(mesh.vertices, mesh.faces)
     known = None if surface_map is None else _known_places(template, surface, surface_map)
-    found = _found(template, surface, Given.of(template, surface, landmarks or {}), tell, known)
+    given = Given.of(template, surface, landmarks or {})
+    if known is None:
+        expect_landmarks(template, given)
+    found = _found(template, surface, given, tell, known)
     if found.confidence < LEAST_CONFIDENCE and not landmarks and known is None:
         raise RetargetError(_doubtful(mesh, found))
+    if not template.human and known is None:
+        _expect_likeness(found, given)
     best, target = found.candidates[0], found.target
     tell("laying the template on", 1)
     moved = Surface((surface.vertices - target.origin) * target.unit, surface.faces)
@@ -114,7 +121,7 @@ def rig(
     body = away < max(HELD_AWAY, float(np.median(away)))
     floor, top = float(rest[body, 1].min()), float(rest[body, 1].max())
     height = (top - floor) / target.unit
-    metres, note = likely_unit(height) if unit is None else (unit, f"{height * unit:.2f} m tall")
+    metres, note = likely_unit(height, template.height) if unit is None else (unit, f"{height * unit:.2f} m tall")
     skin = sparse_weights(rigid_pieces(moved, places.of(template.weights), away))
     character = _character(template, fitted, replace(mesh, vertices=rest), skin, floor, metres / target.unit)
     notes = (note, *((f"{found.working.pieces} pieces, taken as one body",) if found.working.fused else ()), best.how)
@@ -154,12 +161,13 @@ def _known_places(template: Template, surface: Surface, surface_map: Places) -> 
     of another mesh or another template."""
     from scipy.spatial import cKDTree
 
-    rest = template.model.points
-    if len(surface_map.corners) != len(surface) or surface_map.corners.max(initial=0) >= len(rest):
+    rest, own = template.model.points, template.file_vertices
+    if len(surface_map.corners) != len(surface) or surface_map.corners.max(initial=0) >= len(own):
         raise RetargetError(
             f"the surface map is of {len(surface_map.corners)} vertices onto vertex {surface_map.corners.max(initial=0)}; the mesh "
-            f"has {len(surface)}, the template {len(rest)}"
+            f"has {len(surface)}, the template {len(own)}"
         )
+    surface_map = Places(own[surface_map.corners], surface_map.weights)
     return surface.vertices[cKDTree(surface_map.of(rest)).query(rest)[1]]
 
 
@@ -205,17 +213,17 @@ def _with_fingers(state: BodyState, model: FitModel) -> BodyState:
     return BodyState(state.shape, turns, state.root)
 
 
-def likely_unit(height: float) -> tuple[float, str]:
-    """Metres in a unit by which a body so many units tall is likely, and why."""
+def likely_unit(height: float, usual: float = USUAL) -> tuple[float, str]:
+    """Metres in a unit by which a body so many units tall is likely, and why; `usual` is how tall such bodies are."""
     likely = [
-        (abs(np.log(height * unit / USUAL)) + rare, name, unit)
+        (abs(np.log(height * unit / usual)) + rare, name, unit)
         for name, (unit, rare) in UNITS.items()
-        if PLAUSIBLE[0] <= height * unit <= PLAUSIBLE[1]
+        if PLAUSIBLE[0] <= height * unit * USUAL / usual <= PLAUSIBLE[1]
     ]
     if likely:
         _, name, unit = min(likely)
         return unit, f"unit {name}: the body is {height * unit:.2f} m tall"
-    return USUAL / height, f"no unit makes a height of {height:.4g} plausible: scaled to {USUAL:.2f} m"
+    return usual / height, f"no unit makes a height of {height:.4g} plausible: scaled to {usual:.2f} m"
 
 
 def _character(
@@ -250,6 +258,23 @@ def _all_joints(template: Template, fitted: _Fitted) -> Float[Array, "joints 3"]
         rest = rest_from_pose(model, fitted.state, model.weights, fitted.registered.vertices)
         joints[others] = np.einsum("jk,jkx->jx", template.other_shares, rest[template.other_vertices])
     return joints
+
+
+def _expect_likeness(found: _Found, given: Given) -> None:
+    """Raises `RetargetError` where a template that is no human does not lie in the mesh, or not as the landmarks say."""
+    best, length = found.candidates[0], float(np.ptp(found.target.vertices, axis=0).max())
+    cure = "check which landmark is where, give more of them, or take a template of the mesh's structure"
+    if best.misfit.template > ILL:
+        raise RetargetError(
+            f"the template does not fit the mesh: its surface ends up {best.misfit.template / length:.1%} of the mesh's length "
+            f"away, {ILL / length:.1%} is the limit; {cure}"
+        )
+    worst = int(best.landmarks.argmax())
+    if best.landmarks[worst] > FAR_FROM_LANDMARK:
+        raise RetargetError(
+            f"the template fits the mesh only with its {given.names[worst]!r} {best.landmarks[worst] / length:.0%} of the mesh's "
+            f"length from the landmark; {cure}"
+        )
 
 
 def _doubtful(mesh: Mesh, found: _Found) -> str:
