@@ -53,7 +53,7 @@ def rig_file(order: RigOrder, progress: bool = False) -> dict[str, Any]:
     body = bare_body(asset)
     with progress_line(progress) as tell:
         tell("preparing the template", 0)
-        template = human_template() if order.template is None else _template_of(order.template)
+        template = human_template() if order.template is None else template_of_file(order.template)
         known = None if order.surface_map is None else read_surface_map(order.surface_map, len(template.file_vertices))
         unit = order.unit or asset.convention.metres_per_unit
         try:
@@ -78,7 +78,7 @@ def bare_body(asset: Asset) -> Mesh | PointCloud:
     raise FileError(asset.path, f"holds a {asset.kind} without surface; a mesh or a cloud of points is needed")
 
 
-def _template_of(path: Path) -> Template:
+def template_of_file(path: Path) -> Template:
     """The template that a file holds: a human where its joints match one's and it stands like one, else of its own structure.
 
     Raises `FileError`.
@@ -90,15 +90,15 @@ def _template_of(path: Path) -> Template:
             actor = cast(asset)
         except MatchError as error:
             log.info("%s is taken as of its own structure: %s", path, error)
-            return free_template(_in_house(asset))
+            return free_template(in_house(asset))
         if stands_like_a_human(actor.character.skeleton, actor.humanoid):
             return character_template(actor.character, actor.humanoid)
-        return free_template(_in_house(asset))
+        return free_template(in_house(asset))
     except RetargetError as error:
         raise FileError(path, str(error)) from None
 
 
-def _in_house(asset: Asset) -> Character:
+def in_house(asset: Asset) -> Character:
     """The character of a file in metres with +Y up, as far as the file says what it is in."""
     turn = rot.swing_between(AXES.get(asset.convention.up, AXES["+y"]), AXES["+y"])
     return Similarity(turn, asset.convention.metres_per_unit or 1.0).character(asset.character)

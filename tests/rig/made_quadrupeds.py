@@ -54,7 +54,7 @@ def bones(build):
         ("TailTip", "TailBase", half, tip, 0.03),
     ]
     for name, (ahead, aside) in LEGS.items():
-        top = (chest if ahead > 0 else hips) + [0.09 * girth * aside, -0.06, 0.02 * ahead]
+        top = (chest if ahead > 0 else hips) + [0.13 * max(girth, 1) * aside, -0.06, 0.02 * ahead]
         knee = np.array([top[0], 0.5 * top[1], top[2] + 0.04 * ahead])
         ankle = np.array([top[0], 0.09, top[2] - 0.02])
         found += [
@@ -75,7 +75,7 @@ def quadruped(build, cells=110, vertices=None):
     solid = [part for part in parts if part[3] is not None]
     draw, points = np.random.default_rng(0), []
     for _, _, start, end, radius in solid:
-        along, around = draw.random((5000, 1)), rot.unit(draw.normal(size=(5000, 3)))
+        along, around = draw.random((20_000, 1)), rot.unit(draw.normal(size=(20_000, 3)))
         points.append(start + along * (end - start) + radius * around)
     surface = shell(np.concatenate(points), 1, cells)
     surface = surface if vertices is None else decimate(surface, vertices)
