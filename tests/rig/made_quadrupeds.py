@@ -9,7 +9,7 @@ from retarget.body import rotations as rot
 from retarget.body.kinematics import forward
 from retarget.body.skinning import prepare_skinning
 from retarget.character import Character, Mesh, Skeleton, Skin
-from retarget.geometry.resample import Surface, decimate
+from retarget.geometry.resample import decimate
 from retarget.geometry.shell import shell
 
 LEGS = {"FrontLeft": (1, 1), "FrontRight": (1, -1), "HindLeft": (-1, 1), "HindRight": (-1, -1)}

@@ -6,7 +6,7 @@ Without a human's ends and stances to look for, they are laid into meshes by lan
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from retarget.body.kinematics import rest_pose
 from retarget.body.skinning import rest_vertices

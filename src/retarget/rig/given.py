@@ -11,7 +11,6 @@ from jaxtyping import Float, Int
 
 from retarget.errors import RetargetError, unknown_name
 from retarget.geometry.resample import Surface
-from retarget.rig.fit import HEIGHT
 from retarget.rig.template import Template
 
 Array = np.ndarray

@@ -25,9 +25,9 @@ from retarget.geometry.resample import Surface, cleaned, decimate
 from retarget.progress import Tell, untold
 from retarget.rig.fit import LIKE_NORMALS, Pull, Target, fit_to_places, fit_to_surface
 from retarget.rig.fit_model import BodyState, FitModel, part_transforms, pose_body
+from retarget.rig.given import Given, expect_landmarks
 from retarget.rig.registration import Registered, register
 from retarget.rig.rest import rest_from_pose
-from retarget.rig.given import Given, expect_landmarks
 from retarget.rig.search import CLEAR, FAR_FROM_LANDMARK, ILL, Candidate, candidates, confidence_of
 from retarget.rig.template import SAMPLES, Template, intrinsic_body
 from retarget.rig.templates import human_template

@@ -11,11 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from retarget.body import rotations as rot
 from retarget.correspond.landmarks import TIPS, IntrinsicBody, Labelled, find_tips, label_tips, labellings
-from retarget.geometry.resample import Surface
 from retarget.progress import Tell
 from retarget.rig.fit import (
     AREA,
