@@ -81,7 +81,8 @@ def test_maps_that_are_none(command, statue, tmp_path, name, content, reason):
 @pytest.mark.parametrize(
     "arrays, reason",
     [
-        ({"other": np.zeros(3)}, "holds neither 'map' nor 'corners' and 'weights'"),
+        ({"other": np.zeros(3)}, "holds neither 'map', nor 'corners' and 'weights', nor 'C' with its bases"),
+        ({"C": np.eye(20)}, "'C' means nothing without the eigenfunctions it is between; 'mesh_basis' is missing"),
         ({"map": np.zeros((3, 2), dtype=int)}, "'map' must be one number for each vertex"),
         ({"corners": np.zeros((3, 2), dtype=int), "weights": np.zeros((3, 2))}, "must be rows of three"),
         ({"corners": np.zeros((3, 3), dtype=int), "weights": np.zeros((3, 3))}, "each row must sum to one"),
@@ -110,10 +111,10 @@ def test_outputs_without_a_surface_are_refused(command, statue, tmp_path):
     assert code == 2 and "holds no surface" in err
 
 
-def test_landmarks_are_read_in_either_spelling():
-    found = parse_landmarks("head=12, left_hand=1:2.5:-3,rightFoot=7")
-    assert found["head"] == 12 and found["rightFoot"] == 7
-    assert found["leftHand"].tolist() == [1.0, 2.5, -3.0]
+def test_landmarks_are_read():
+    found = parse_landmarks("head=12, mixamorig:Left_Hand=1:2.5:-3,a=b=7,812=3")
+    assert found["head"] == 12 and found["a=b"] == 7 and found["812"] == 3
+    assert found["mixamorig:Left_Hand"].tolist() == [1.0, 2.5, -3.0]
 
 
 @pytest.mark.parametrize("text", ["head", "head=", "=3", "head=1:2", "head=a", "head=1:2:nan", "head=3,,"])

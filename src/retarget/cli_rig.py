@@ -22,12 +22,16 @@ def rig(
     ] = None,
     landmarks: Annotated[
         Optional[str],
-        typer.Option(help="Places on the mesh: head=VERTEX,left_hand=X:Y:Z,... (2 to 7 help).", show_default=False),
+        typer.Option(
+            help="Places on the mesh: head=VERTEX,left_hand=X:Y:Z,... (2 to 7 help); joints of the template are names too.",
+            show_default=False,
+        ),
     ] = None,
     surface_map: Annotated[
         Optional[Path],
         typer.Option(
-            help="Map onto the template: its vertex for each of the mesh's (.txt, .csv, .npz).", show_default=False
+            help="Map onto the template: its vertex for each of the mesh's (.txt, .csv, .npz), or C with its bases (.npz).",
+            show_default=False,
         ),
     ] = None,
     unit: Annotated[

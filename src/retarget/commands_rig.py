@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,18 +11,23 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from retarget.character import Mesh, PointCloud
-from retarget.errors import FileError, RetargetError
+from retarget.body import rotations as rot
+from retarget.character import Character, Mesh, PointCloud
+from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import check_output, load, save
 from retarget.io.asset import Asset
+from retarget.motion.align import AXES, Similarity
 from retarget.progress import progress_line
 from retarget.retargeting import cast
+from retarget.rig.free_templates import free_template, stands_like_a_human
 from retarget.rig.map_file import read_surface_map
 from retarget.rig.rigging import Rigged, rig
 from retarget.rig.template import Template
 from retarget.rig.templates import character_template, human_template
 
 Array = np.ndarray
+
+log = logging.getLogger("retarget")
 
 
 @dataclass(frozen=True)
@@ -48,8 +53,8 @@ def rig_file(order: RigOrder, progress: bool = False) -> dict[str, Any]:
     body = bare_body(asset)
     with progress_line(progress) as tell:
         tell("preparing the template", 0)
-        template = human_template() if order.template is None else _template_of(order.template)
-        known = None if order.surface_map is None else read_surface_map(order.surface_map, len(template.model.points))
+        template = human_template() if order.template is None else template_of_file(order.template)
+        known = None if order.surface_map is None else read_surface_map(order.surface_map, len(template.file_vertices))
         unit = asset.convention.metres_per_unit if order.unit is None else order.unit
         try:
             found = rig(body, template, landmarks, known, unit, tell)
@@ -73,23 +78,40 @@ def bare_body(asset: Asset) -> Mesh | PointCloud:
     raise FileError(asset.path, f"holds a {asset.kind} without surface; a mesh or a cloud of points is needed")
 
 
-def _template_of(path: Path) -> Template:
-    actor = cast(path)
+def template_of_file(path: Path) -> Template:
+    """The template that a file holds: a human where its joints match one's and it stands like one, else of its own structure.
+
+    Raises `FileError`.
+    """
+    asset = load(path)
+    asset.expect_joints()
     try:
-        return character_template(actor.character, actor.humanoid)
+        try:
+            actor = cast(asset)
+        except MatchError as error:
+            log.info("%s is taken as of its own structure: %s", path, error)
+            return free_template(in_house(asset))
+        if stands_like_a_human(actor.character.skeleton, actor.humanoid):
+            return character_template(actor.character, actor.humanoid)
+        return free_template(in_house(asset))
     except RetargetError as error:
         raise FileError(path, str(error)) from None
 
 
+def in_house(asset: Asset) -> Character:
+    """The character of a file in metres with +Y up, as far as the file says what it is in."""
+    turn = rot.swing_between(AXES.get(asset.convention.up, AXES["+y"]), AXES["+y"])
+    return Similarity(turn, asset.convention.metres_per_unit or 1.0).character(asset.character)
+
+
 def parse_landmarks(text: str) -> dict[str, int | Float[Array, "3"]]:
-    """`head=123,left_hand=0.7:1.4:0.1` as names and vertices or places. Names are taken in either spelling.
+    """`head=123,left_hand=0.7:1.4:0.1` as names, which the template must know, and vertices or places.
 
     Raises `RetargetError` for what is neither.
     """
     found: dict[str, int | Float[Array, "3"]] = {}
     for part in text.split(","):
-        name, equals, where = (each.strip() for each in part.partition("="))
-        name = re.sub(r"_(\w)", lambda match: match[1].upper(), name)
+        name, equals, where = (each.strip() for each in part.rpartition("="))
         numbers = where.split(":")
         try:
             value = int(where) if len(numbers) == 1 else np.array([float(number) for number in numbers])

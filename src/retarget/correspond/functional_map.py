@@ -71,8 +71,8 @@ def transferred(
 
 def point_map(
     C_template_to_target: Float[Array, "target_functions template_functions"],
-    template: Float[Array, "template_points functions"],
-    target: Float[Array, "target_points functions"],
+    template: Float[Array, "template_points columns_at_least"],
+    target: Float[Array, "target_points rows_at_least"],
     adjoint: bool = False,
 ) -> Int[Array, "target_points"]:
     """`target_to_template`: for each row of the target's eigenfunctions the row of the template's that the map takes nearest.

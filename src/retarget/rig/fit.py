@@ -25,6 +25,8 @@ Array = np.ndarray
 
 HEIGHT = 1.7
 """Metres: about the height of the bodies that are fitted, on which all lengths here rest."""
+AREA = 1.69
+"""Square metres of the skin of a body `HEIGHT` tall: by this the unit of a surface is guessed, which the fit then mends."""
 LIKE_NORMALS = 0.08 * HEIGHT
 """How far apart opposite normals put two places when the nearest is sought, half of it in metres."""
 WORST = 0.1
@@ -84,7 +86,7 @@ class Misfit:
     surface: float
     """The same from the surface to the template: large for what the template has not, like hats and swords."""
     feet: float
-    """Both of these together on the feet alone, which fit one way round only."""
+    """Both of these together on the feet alone, which fit one way round only; 0 for a template without feet."""
 
     @property
     def total(self) -> float:
@@ -195,8 +197,8 @@ def misfit(model: FitModel, state: BodyState, target: Target, feet: Bool[Array, 
     _, back = cKDTree(own).query(lifted(target.vertices[target.spread], target.normals[target.spread]))
     there = np.linalg.norm(target.vertices[near] - posed.points, axis=1)
     here = np.linalg.norm(target.vertices[target.spread] - posed.points[back], axis=1)
-    return Misfit(_root_mean_square(there), _root_mean_square(here),
-                  _root_mean_square(there[feet]) + _root_mean_square(here[feet[back]]))  # fmt: skip
+    on_feet = _root_mean_square(there[feet]) + _root_mean_square(here[feet[back]]) if feet.any() else 0.0
+    return Misfit(_root_mean_square(there), _root_mean_square(here), on_feet)
 
 
 def _root_mean_square(distances: Float[Array, "_"]) -> float:
@@ -214,8 +216,10 @@ def state_from_places(model: FitModel, places: Float[Array, "points 3"], shape: 
         weight = model.weights[:, joint]
         total = float(weight.sum())
         if total < 1e-6 * len(weight):
-            turns[joint] = turns[model.parents[joint]] if joint else np.eye(3)
-            continue
+            if joint:
+                turns[joint] = turns[model.parents[joint]]
+                continue
+            weight, total = np.ones(len(weight)), float(len(weight))  # a root that moves no skin of its own turns with all of it
         here, there = rest - weight @ rest / total, places - weight @ places / total
         u, sizes, vt = np.linalg.svd((weight[:, None] * here).T @ there)
         sign = np.array([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])
@@ -225,6 +229,18 @@ def state_from_places(model: FitModel, places: Float[Array, "points 3"], shape: 
     first = BodyState(scaled, turns, np.zeros(3))
     trunk = model.weights[:, :3].sum(axis=1) + 1e-9
     return BodyState(scaled, turns, trunk @ (places - pose_body(model, first).points) / trunk.sum())
+
+
+def similarity(
+    here: Float[Array, "points 3"], there: Float[Array, "points 3"]
+) -> tuple[Float[Array, "3 3"], float, Float[Array, "3"]]:
+    """Turn, scale and shift that bring points nearest to others: there = scale * turn @ here + shift (Umeyama 1991)."""
+    middle, other = here.mean(axis=0), there.mean(axis=0)
+    u, sizes, vt = np.linalg.svd((here - middle).T @ (there - other))
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])
+    turn = vt.T @ (sign[:, None] * u.T)
+    scale = float(sizes @ sign) / max(float(((here - middle) ** 2).sum()), 1e-12)
+    return turn, scale, other - scale * turn @ middle
 
 
 def scaled_shape(shape: Float[Array, "shapes"], factor: float) -> Float[Array, "shapes"]:

@@ -25,9 +25,10 @@ from retarget.geometry.resample import Surface
 from retarget.progress import Tell, untold
 from retarget.rig.fit import LIKE_NORMALS, Target
 from retarget.rig.fit_model import part_transforms, pose_body
+from retarget.rig.given import Given, expect_landmarks
 from retarget.rig.laying import LaidOn, lay_on
 from retarget.rig.rest import rest_from_pose
-from retarget.rig.search import CLEAR, Candidate, Given, candidates, confidence_of
+from retarget.rig.search import CLEAR, FAR_FROM_LANDMARK, ILL, Candidate, candidates, confidence_of
 from retarget.rig.shares import bare_parts
 from retarget.rig.template import Template, intrinsic_body
 from retarget.rig.templates import human_template
@@ -80,10 +81,11 @@ def rig(
 ) -> Rigged:
     """Give a mesh the template's skeleton, weights and rest pose. A cloud of points gets a closed surface first.
 
-    `landmarks` name vertices or places of the mesh by the template's landmarks (`Template.landmarks`). `surface_map` is
-    the place of each vertex on the template's mesh, where it is known. `unit` is metres in a unit of the mesh; without it
-    the unit that makes a plausible height is taken. Raises `RetargetError` for a unit that is no length, for a mesh that
-    cannot be worked on, that holds no body of the template's kind, or of which more must be known.
+    `landmarks` name vertices or places of the mesh by the template's landmarks (`Template.landmarks`, or the number of a vertex
+    of its mesh, as text); a template that is no human needs four. `surface_map` is the place of each vertex on the template's
+    mesh, where it is known. `unit` is metres in a unit of the mesh; without it the unit that makes a plausible height is
+    taken. Raises `RetargetError` for a unit that is no length, for a mesh that cannot be worked on, that holds no body of the
+    template's kind, or of which more must be known.
     """
     if unit is not None and not 0.0 < unit < float("inf"):
         raise RetargetError(f"a unit of {unit:g} metres; it must be a length above nought")
@@ -91,9 +93,14 @@ def rig(
     mesh = _as_mesh(body, tell)
     surface = finite_surface(mesh.vertices, mesh.faces)
     known = None if surface_map is None else _known_places(template, surface, surface_map)
-    found = _found(template, surface, Given.of(template, surface, landmarks or {}), tell, known)
+    given = Given.of(template, surface, landmarks or {})
+    if known is None:
+        expect_landmarks(template, given)
+    found = _found(template, surface, given, tell, known)
     if found.confidence < LEAST_CONFIDENCE and not landmarks and known is None:
         raise RetargetError(_doubtful(surface, found.working, found.doubt, found.confidence))
+    if not template.human and known is None:
+        _expect_likeness(found, given)
     best, target = found.candidates[0], found.target
     tell("laying the template on", 1)
     moved = _turned_like(Surface((surface.vertices - target.origin) * target.unit, surface.faces), target)
@@ -102,7 +109,7 @@ def rig(
     model = template.model
     like_normals = LIKE_NORMALS_OF_PIECES if found.working.fused else LIKE_NORMALS
     places = places_on_template(moved, fitted.registered, template.faces, model.points, like_normals)
-    bare = bare_parts(template, pose_body(model, fitted.state).points, moved, places)
+    bare = bare_parts(template, pose_body(model, fitted.state).points, moved, places) if template.human else {}
     lost = {name: share for name, share in bare.items() if not name.endswith("Hand")}  # a fist may lie in an armpit
     if lost and not landmarks and known is None:
         doubt = f"nothing of it is left for {', '.join(lost)}"
@@ -113,7 +120,8 @@ def rig(
     floor, top = float(rest[body, 1].min()), float(rest[body, 1].max())
     height = (top - floor) / target.unit
     told = (unit, f"{height * (unit or 0.0):.2f} m tall")
-    metres, note = likely_unit(height, usual_height(template, fitted.state.shape)) if unit is None else told
+    usual = usual_height(template, fitted.state.shape)
+    metres, note = likely_unit(height, usual, template.height) if unit is None else told
     skin = sparse_weights(rigid_pieces(moved, places.of(template.weights), away))
     character = _character(template, fitted, replace(mesh, vertices=rest), skin, floor, metres / target.unit)
     notes = (note, *((f"{found.working.pieces} pieces, taken as one body",) if found.working.fused else ()), best.how)
@@ -154,12 +162,13 @@ def _known_places(template: Template, surface: Surface, surface_map: Places) -> 
     of another mesh or another template."""
     from scipy.spatial import cKDTree
 
-    rest = template.model.points
-    if len(surface_map.corners) != len(surface) or surface_map.corners.max(initial=0) >= len(rest):
+    rest, own = template.model.points, template.file_vertices
+    if len(surface_map.corners) != len(surface) or surface_map.corners.max(initial=0) >= len(own):
         raise RetargetError(
             f"the surface map is of {len(surface_map.corners)} vertices onto vertex {surface_map.corners.max(initial=0)}; the mesh "
-            f"has {len(surface)}, the template {len(rest)}"
+            f"has {len(surface)}, the template {len(own)}"
         )
+    surface_map = Places(own[surface_map.corners], surface_map.weights)
     return surface.vertices[cKDTree(surface_map.of(rest)).query(rest)[1]]
 
 
@@ -230,6 +239,23 @@ def _all_joints(template: Template, fitted: LaidOn) -> Float[Array, "joints 3"]:
         rest = rest_from_pose(model, fitted.state, model.weights, fitted.registered.vertices)
         joints[others] = np.einsum("jk,jkx->jx", template.other_shares, rest[template.other_vertices])
     return joints
+
+
+def _expect_likeness(found: _Found, given: Given) -> None:
+    """Raises `RetargetError` where a template that is no human does not lie in the mesh, or not as the landmarks say."""
+    best, length = found.candidates[0], float(np.ptp(found.target.vertices, axis=0).max())
+    cure = "check which landmark is where, give more of them, or take a template of the mesh's structure"
+    if best.misfit.template > ILL:
+        raise RetargetError(
+            f"the template does not fit the mesh: its surface ends up {best.misfit.template / length:.1%} of the mesh's length "
+            f"away, {ILL / length:.1%} is the limit; {cure}"
+        )
+    worst = int(best.landmarks.argmax())
+    if best.landmarks[worst] > FAR_FROM_LANDMARK:
+        raise RetargetError(
+            f"the template fits the mesh only with its {given.names[worst]!r} {best.landmarks[worst] / length:.0%} of the mesh's "
+            f"length from the landmark; {cure}"
+        )
 
 
 def _doubtful(mesh: Surface, working: WorkingSurface, doubt: str, confidence: float) -> str:

@@ -7,18 +7,17 @@ right, since feet, knees and faces fit one way only. The margin to the best of t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from retarget.body import rotations as rot
 from retarget.correspond.landmarks import TIPS, IntrinsicBody, Labelled, find_tips, label_tips, labellings
-from retarget.errors import RetargetError, unknown_name
-from retarget.geometry.resample import Surface
 from retarget.progress import Tell
 from retarget.rig.fit import (
+    AREA,
     HEIGHT,
     Misfit,
     Pull,
@@ -28,16 +27,16 @@ from retarget.rig.fit import (
     misfit,
     prepare_target,
     scaled_shape,
+    similarity,
     state_from_places,
 )
 from retarget.rig.fit_model import BodyState, FitModel, pose_body
+from retarget.rig.given import FEWEST_LANDMARKS, Given
 from retarget.rig.template import SAMPLES, Start, Template
 from retarget.rig.working_surface import surface_size
 
 Array = np.ndarray
 
-AREA = 1.69
-"""Square metres of the skin of a body `HEIGHT` tall: by this the unit of a surface is guessed, which the fit then mends."""
 COARSE, COARSE_SPREAD = 500, 400
 """Points of the template, and of the surface, in a first try."""
 FINALISTS = 3
@@ -57,42 +56,14 @@ ELSEWHERE = 0.08 * HEIGHT
 """Metres between joints, on average, from which two candidates are two readings."""
 WORTH_OF_LANDMARKS = 0.5
 """How much a metre of mean distance to given landmarks counts in a candidate's misfit."""
+FAR_FROM_LANDMARK = 0.2
+"""Metres from a given landmark at which a template that is no human is not laid in as the user said: right ones end within .05."""
 WELL, ILL = 0.020, 0.045
 """Metres of the template's misfit that speak for a body, and against any."""
 CLOTHED, STRANGE = 0.064, 0.082
 """Metres of the surface's misfit that clothes and tools come to, and those of a body lost in something larger."""
 CLEARLY = 0.25
 """Share by which the best reading is better than the next, from which there is no doubt between them."""
-
-
-@dataclass(frozen=True, eq=False)
-class Given:
-    """Landmarks that the user named."""
-
-    vertices: Int[Array, "given"]
-    """On the template."""
-    places: Float[Array, "given 3"]
-    """On the mesh, in its own units."""
-    names: tuple[str, ...]
-
-    def __bool__(self) -> bool:
-        return len(self.names) > 0
-
-    @staticmethod
-    def of(template: Template, surface: Surface, landmarks: Mapping[str, int | Float[Array, "3"]]) -> Given:
-        """Check names and vertices. Raises `RetargetError` for those that do not exist."""
-        vertices, places = [], []
-        for name, where in landmarks.items():
-            if name not in template.landmarks:
-                raise unknown_name("landmark", name, template.landmarks, "the template")
-            vertices.append(template.landmarks[name])
-            if np.ndim(where) == 0:
-                if not 0 <= int(where) < len(surface):
-                    raise RetargetError(f"landmark {name!r} is vertex {int(where)}; the mesh has {len(surface)}")
-                places.append(surface.vertices[int(where)])
-            else:
-                places.append(np.asarray(where, dtype=np.float64))
-        return Given(np.array(vertices, dtype=np.int64), np.array(places).reshape(-1, 3), tuple(landmarks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +77,14 @@ class Candidate:
     state: BodyState
     misfit: Misfit
     joints: Float[Array, "joints 3"]
-    landmarks: float
-    """Mean metres from the given landmarks; 0 without."""
+    landmarks: Float[Array, "given"]
+    """Metres from each of the given landmarks."""
 
     @property
     def total(self) -> float:
         """What candidates are ranked by, metres."""
-        return self.misfit.total + WORTH_OF_LANDMARKS * self.landmarks
+        away = float(self.landmarks.mean()) if len(self.landmarks) else 0.0
+        return self.misfit.total + WORTH_OF_LANDMARKS * away
 
 
 def candidates(
@@ -133,11 +105,13 @@ def candidates(
         places = (known - target.origin) * target.unit
         return target, trial.settle([trial.by_known(start, places) for start in template.starts], tell)
     tried = []
-    for how, start, labelled in _by_tips(template, body, given):
+    for how, start, labelled in _by_tips(template, body, given) if template.human else ():
         tell("looking for the body by its ends", 1)
         tried.append(trial.by_places(how, start, labelled.features, start.labelled.features))
-    if len(given.names) >= 4:
+    if len(given.names) >= FEWEST_LANDMARKS:
+        tell("looking for the body by its landmarks", 1)
         tried += [trial.by_landmarks(start, body) for start in template.starts]
+        tried += [trial.drawn(start) for start in template.starts if not template.human]
     found = trial.settle(tried, tell)
     if confidence_of(found)[0] < CLEAR and not given:
         for start in template.starts:
@@ -209,6 +183,20 @@ class _Trial:
         features, wanted = body.geodesics.distances(there), start.body.geodesics.distances(here)
         return self.by_places(f"{start.name}, landmarks", start, features / features.mean(), wanted / wanted.mean())
 
+    def drawn(self, start: Start) -> Candidate:
+        """Turned, scaled and moved as the given landmarks are (Kabsch 1976), and drawn to each of them: less and less with the
+        distance along the surface from it, by Gaussians about as wide as landmarks are apart."""
+        here, there = start.vertices[self.given.vertices], (self.given.places - self.target.origin) * self.target.unit
+        turn, scale, shift = similarity(here, there)
+        ends = start.near.query(here)[1]
+        distances = start.body.geodesics.distances(ends)
+        between = distances[ends] + np.diag(np.full(len(ends), np.inf))
+        pull = np.exp(-((distances / np.median(between.min(axis=1))) ** 2))
+        drawn = np.linalg.lstsq(pull[ends], there - scale * here @ turn.T - shift, rcond=1e-2)[0]
+        chosen = self.template.samples[:COARSE], start.samples[:COARSE]
+        places = scale * start.vertices[chosen[0]] @ turn.T + shift + pull[chosen[1]] @ drawn
+        return self._guided(f"{start.name}, drawn to landmarks", start, places)
+
     def standing(self, start: Start, up: tuple[float, ...], quarter: int, lift: float) -> Candidate:
         """Upright, facing one of four ways, the arms lifted."""
         coarse = self.coarse.around(start.shape)
@@ -233,11 +221,10 @@ class _Trial:
         return self._scored(how, start.shape, state, model)
 
     def _scored(self, how: str, usual: Float[Array, "shapes"], state: BodyState, model: FitModel) -> Candidate:
-        away = 0.0
+        away = np.zeros(0)
         if self.given:
             own = pose_body(self.template.body.at(self.given.vertices), state).points
-            places = (self.given.places - self.target.origin) * self.target.unit
-            away = float(np.linalg.norm(own - places, axis=1).mean())
+            away = np.linalg.norm(own - (self.given.places - self.target.origin) * self.target.unit, axis=1)
         feet = self.template.feet[self.template.samples[: len(model.points)]]
         found = misfit(model, state, self.target, feet)
         return Candidate(how, usual, state, found, pose_body(model, state).joints, away)

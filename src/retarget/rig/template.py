@@ -1,7 +1,7 @@
 """A rigged body that others get their rig from.
 
-A template is fitted by its canonical joints: those of the body first, fingers at the end. Twist bones, props and the rest
-hang on them rigidly in the fit and are placed afterwards.
+A template is fitted by the joints of its `Structure`. A human's are the canonical ones: those of the body first, fingers at
+the end. Twist bones, props and the rest hang on them rigidly in the fit and are placed afterwards.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from retarget.geometry.geodesic import Geodesics, farthest_points
 from retarget.geometry.resample import Surface
 from retarget.geometry.spectral import spectral_basis
 from retarget.geometry.topology import vertex_normals
+from retarget.rig.fit import HEIGHT
 from retarget.rig.fit_model import FitModel, part_shapes
 from retarget.rig.working_surface import working_surfaces
 
@@ -31,10 +32,10 @@ SAMPLES, FINER = 1500, 1000
 """Points of the template that a fit weighs, and further ones where fingers are fitted."""
 FUNCTIONS = 120
 """Eigenfunctions of a body."""
-NEAR = 60
-"""Vertices that place a joint outside the model."""
+NEAR, OUTSIDE = 60, 0.2 * HEIGHT
+"""Vertices that place a joint outside the model, and metres from the nearest from which all of the body does."""
 PART_SPREAD = 0.15
-"""How far parts are expected to differ in size and girth, as a share."""
+"""How far parts of humans are expected to differ in size and girth, as a share."""
 FINGERS = tuple(name for name in HUMANOID_JOINTS if any(word in name for word in (
     "Thumb", "Index", "Middle", "Ring", "Little")))  # fmt: skip
 MAIN = tuple(name for name in HUMANOID_JOINTS if name not in FINGERS and "Eye" not in name and name != "jaw")
@@ -52,7 +53,8 @@ class Start:
     name: str
     shape: Float[Array, "shapes"]
     body: IntrinsicBody
-    labelled: Labelled
+    labelled: Labelled | None
+    """Its ends, where it is a human."""
     near: Any
     """Tree over the intrinsic surface's vertices."""
     vertices: Float[Array, "vertices 3"]
@@ -70,7 +72,7 @@ class Template:
     joints: Int[Array, "model"]
     """Joints of the skeleton that the model's joints are."""
     names: tuple[str, ...]
-    """Their canonical names, fingers last."""
+    """Their names: canonical ones, fingers last, or the skeleton's own where it is no human."""
     model: FitModel
     """With fingers, at every vertex of the template's surface."""
     body: FitModel
@@ -82,13 +84,40 @@ class Template:
     """Vertices that a fit weighs, spread evenly, so that any first ones are."""
     starts: tuple[Start, ...]
     feet: Bool[Array, "vertices"]
-    """Whether a vertex follows a foot or its toes."""
+    """Whether a vertex follows a foot or its toes; none where it is no human."""
     landmarks: Mapping[str, int]
     """Vertices by name: the body's ends, and whatever else has a name."""
+    file_vertices: Int[Array, "file"]
+    """For each vertex of the character's mesh, as its file has it, the nearest of the template's surface."""
+    height: float
+    """Metres that such a body is tall: by this the unit of a mesh is told."""
     other_vertices: Int[Array, "others near"]
     """For each joint outside the model, in their order, vertices around it."""
     other_shares: Float[Array, "others near"]
     """Their shares in its place; rows sum to one."""
+
+    @property
+    def human(self) -> bool:
+        """Whether its ends and stances are a human's: what else it is laid into a mesh by landmarks."""
+        return all(start.labelled is not None for start in self.starts)
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """The joints that a template is fitted by, and how they belong together."""
+
+    names: tuple[str, ...]
+    joints: Int[Array, "model"]
+    """Joints of the skeleton."""
+    parents: Int[Array, "model"]
+    """Among themselves; parents come before their children, and joint 0 is the root."""
+    body: int
+    """How many of them are fitted first; the others (fingers) follow their parents there."""
+    groups: list[list[int]]
+    """Joints of the body whose parts grow together: one of the middle, or a left and its right one."""
+    feet: tuple[int, ...]
+    spread: float = PART_SPREAD
+    """How far parts are expected to differ in size and girth, as a share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +125,17 @@ class Parts:
     """What a template is made of; see `make_template`."""
 
     skeleton: Skeleton
-    joints: Mapping[str, int]
-    """Canonical names and joints."""
+    structure: Structure
     surface: Surface
     """At rest."""
     weights: Float[Array, "vertices joints"]
     ends: tuple[int, ...]
-    """Vertices of the body's ends, in the order of `landmarks.TIPS`."""
+    """Vertices of the body's ends, in the order of `landmarks.TIPS`; none where it is no human."""
     landmarks: Mapping[str, int]
+    file_vertices: Int[Array, "file"]
+    """As in `Template`."""
+    height: float
+    """As in `Template`."""
     components: Float[Array, "components vertices 3"]
     """Shapes known beforehand, one standard deviation each; there may be none."""
     component_joints: Float[Array, "components model 3"]
@@ -117,19 +149,27 @@ def model_names(joints: Mapping[str, int]) -> tuple[str, ...]:
     return tuple(name for name in (*MAIN, *FINGERS) if name in joints)
 
 
-def make_template(parts: Parts) -> Template:
-    """Prepare a rigged body for fits. Lengths must be metres of a body about `fit.HEIGHT` tall."""
-    names = model_names(parts.joints)
+def human_structure(joints: Mapping[str, int]) -> Structure:
+    """The canonical joints that a skeleton has, by their names."""
+    names = model_names(joints)
     body = sum(name in MAIN for name in names)
-    joints = np.array([parts.joints[name] for name in names])
+    feet = tuple(number for number, name in enumerate(names) if name.endswith(("Foot", "Toes")))
+    chosen = np.array([joints[name] for name in names])
+    return Structure(names, chosen, _canonical_parents(names), body, _groups(names[:body]), feet)
+
+
+def make_template(parts: Parts) -> Template:
+    """Prepare a rigged body for fits. Lengths must be metres of a body about `fit.HEIGHT` tall, with `fit.AREA` of skin."""
+    structure = parts.structure
+    names, joints, parents, body = structure.names, structure.joints, structure.parents, structure.body
     vertices, faces = parts.surface.vertices, parts.surface.faces
-    parents, rest = _canonical_parents(names), rest_pose(parts.skeleton)[1]
+    rest = rest_pose(parts.skeleton)[1]
     weights = parts.weights @ _owners(parts.skeleton, joints)
     follow = np.arange(len(names))
     for joint in range(body, len(names)):
         follow[joint] = follow[parents[joint]]
     alone = weights @ np.eye(body)[follow]
-    groups = _groups(names[:body])
+    groups = structure.groups
     own, own_joints = part_shapes(parents[:body], vertices, rest[joints[:body]], alone, groups)
     model = FitModel(
         parents,
@@ -139,7 +179,7 @@ def make_template(parts: Parts) -> Template:
         weights,
         np.concatenate([parts.components, own, vertices[None]]),
         np.concatenate([parts.component_joints, own_joints[:, follow], rest[None, joints]]),
-        np.concatenate([np.ones(len(parts.components)), np.full(len(own), PART_SPREAD), [10.0]]),
+        np.concatenate([np.ones(len(parts.components)), np.full(len(own), structure.spread), [10.0]]),
         np.zeros(len(parts.components) + len(own) + 1),
         np.zeros((len(names), 3)),
         body,
@@ -152,14 +192,14 @@ def make_template(parts: Parts) -> Template:
         joint_basis=model.joint_basis[:, :body],
         bends=model.bends[:body],
     )
-    samples = farthest_points(vertices, SAMPLES + FINER, parts.ends[0])
+    samples = farthest_points(vertices, SAMPLES + FINER, parts.ends[0] if parts.ends else 0)
     shapes = {name: _grown(model, names, groups, growth) for name, growth in parts.starts.items()}
     starts = tuple(_start(name, model, shape, faces, parts.ends, samples) for name, shape in shapes.items())
-    feet = weights[:, [name.endswith(("Foot", "Toes")) for name in names]].sum(axis=1) > 0.5
+    feet = weights[:, list(structure.feet)].sum(axis=1) > 0.5
     around, shares = _placed_by_skin(rest[np.setdiff1d(np.arange(len(rest)), joints)], vertices)
     return Template(
         parts.skeleton, joints, names, model, without_fingers, parts.weights, faces, samples, starts, feet,
-        parts.landmarks, around, shares,
+        parts.landmarks, parts.file_vertices, parts.height, around, shares,
     )  # fmt: skip
 
 
@@ -228,21 +268,23 @@ def _start(
     vertices = model.points_of(shape)
     body = intrinsic_body(next(working_surfaces(Surface(vertices, faces))).surface)
     near = cKDTree(body.surface.vertices)
-    labelled = label_tips(body, near.query(vertices[list(ends)])[1])
+    labelled = label_tips(body, near.query(vertices[list(ends)])[1]) if ends else None
     return Start(name, shape, body, labelled, near, vertices, near.query(vertices[samples])[1])
 
 
 def _placed_by_skin(
     places: Float[Array, "others 3"], vertices: Float[Array, "vertices 3"]
 ) -> tuple[Int[Array, "others near"], Float[Array, "others near"]]:
-    """Each place as the combination of the vertices around it with the smallest weights that gives it and sums to one.
+    """Each place as the combination of the vertices around it with the smallest weights that gives it and sums to one; of
+    vertices all over the body where none is near, as for a root on the ground.
 
     MMMC21 learn a regressor for each joint; the least-norm one is closed form, exact on the template, and as steady.
     """
     from scipy.spatial import cKDTree
 
     count = min(NEAR, len(vertices))
-    near = cKDTree(vertices).query(places, k=count)[1].reshape(len(places), count)
+    distance, near = (each.reshape(len(places), count) for each in cKDTree(vertices).query(places, k=count))
+    near[distance[:, 0] > OUTSIDE] = farthest_points(vertices, count)
     shares = np.zeros(near.shape)
     for number, (place, around) in enumerate(zip(places, near)):
         rows = np.concatenate([(vertices[around] - place).T, np.ones((1, len(around)))])

@@ -25,7 +25,9 @@ TOY = 0.18
 
 
 def usual_height(template: Template, shape: Float[Array, "shapes"]) -> float:
-    """The height in metres that a body of this shape is likely to have."""
+    """The height in metres that a body of this shape is likely to have: the template's, unless a human's head says more."""
+    if not template.human:
+        return template.height
     points, joints = template.model.points_of(shape), template.model.joints_of(shape)
     head = float(points[template.landmarks["head"], 1] - joints[template.names.index("head"), 1])
     share = head / float(np.ptp(points[:, 1]))
@@ -33,12 +35,13 @@ def usual_height(template: Template, shape: Float[Array, "shapes"]) -> float:
     return float(np.interp(share, (least, most), (tall, small))) if least < share < TOY else USUAL
 
 
-def likely_unit(height: float, usual: float = USUAL) -> tuple[float, str]:
-    """Metres in a unit by which a body so many units tall is likely, and why."""
+def likely_unit(height: float, usual: float = USUAL, kind: float = USUAL) -> tuple[float, str]:
+    """Metres in a unit by which a body so many units tall is likely, and why. `usual` is how tall such a body would be, `kind`
+    what is usual of all bodies of its template, in metres."""
     likely = []
     for name, (unit, rare) in UNITS.items():
         away = abs(float(np.log(height * unit / usual)))
-        if PLAUSIBLE[0] <= height * unit <= PLAUSIBLE[1] and (not rare or away <= np.log(RARELY)):
+        if PLAUSIBLE[0] <= height * unit * USUAL / kind <= PLAUSIBLE[1] and (not rare or away <= np.log(RARELY)):
             likely.append((away + rare, name, unit))
     if likely:
         _, name, unit = min(likely)
