@@ -11,9 +11,11 @@ from rig_bodies import case
 
 from retarget.body import rotations as rot
 from retarget.body.human import human
+from retarget.body.kinematics import rest_pose
 from retarget.body.skinning import rest_vertices
 from retarget.character import Mesh, Skeleton, Skin
 from retarget.errors import RetargetError
+from retarget.geometry.closest import Places
 from retarget.rig.free_templates import free_structure, free_template, stands_like_a_human
 from retarget.rig.rigging import rig
 
@@ -98,9 +100,15 @@ def test_the_rig_is_the_templates():
     assert np.array_equal(found.character.mesh.faces, made("long", "walking")[0].faces)
     assert found.unit == 0.01 and "unit cm" in found.notes[0]
     assert np.allclose(rest_vertices(found.character), found.character.mesh.vertices, atol=1e-5)
-    names = found.character.skeleton.names
-    root = found.character.skeleton.offsets[names.index("Root")]
-    assert np.abs(root).max() < 0.12  # on the ground beneath the body, where the template has it
+
+
+@pytest.mark.parametrize("build", ["alike", "longest", "tall"])
+def test_a_root_on_the_ground_is_placed_by_all_of_the_body(build):
+    """Within 7 cm, though no skin is near."""
+    found, dog = rigged(build, "sitting").character.skeleton, made(build, "standing")[2]
+    root, pelvis = (found.index(name) for name in ("Root", "Pelvis"))
+    places = rest_pose(found)[1]
+    assert np.linalg.norm(places[root] - places[pelvis] - dog.joints[root] + dog.joints[pelvis]) < 0.07
 
 
 def test_the_same_twice():
@@ -132,6 +140,20 @@ def test_a_map_needs_no_landmarks():
     known = rigged("long", "sitting").places
     found = rig(mesh, template(), surface_map=known)
     assert joint_errors(found, joints, dog).max() < 0.05
+
+
+def test_vertices_are_numbered_as_in_the_templates_file():
+    """Some that no face uses come first."""
+    dog = quadruped(Build()).character
+    unused, skin = np.full((3, 3), 0.1), dog.skin
+    mesh = Mesh(np.concatenate([unused, dog.mesh.vertices]), dog.mesh.faces + 3)
+    columns, weights = (np.concatenate([values[:3], values]) for values in (skin.columns, skin.weights))
+    other = free_template(replace(dog, mesh=mesh, skin=Skin(skin.joints, skin.inverse_binds, columns, weights)))
+    assert np.array_equal(other.file_vertices[3:], np.arange(len(dog.mesh.vertices)))
+    bare, _, _ = made("long", "sitting")
+    known = rigged("long", "sitting").places
+    found = rig(bare, other, surface_map=Places(known.corners + 3, known.weights))
+    assert np.allclose(found.joints, rig(bare, template(), surface_map=known).joints)
 
 
 def refused():

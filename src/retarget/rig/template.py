@@ -32,7 +32,7 @@ SAMPLES, FINER = 1500, 1000
 """Points of the template that a fit weighs, and further ones where fingers are fitted."""
 FUNCTIONS = 120
 """Eigenfunctions of a body."""
-NEAR, OUTSIDE = 60, 0.2 * HEIGHT
+NEAR, OUTSIDE = 60, 0.12 * HEIGHT
 """Vertices that place a joint outside the model, and metres from the nearest from which all of the body does."""
 PART_SPREAD = 0.15
 """How far parts of humans are expected to differ in size and girth, as a share."""
