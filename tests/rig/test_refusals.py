@@ -124,7 +124,7 @@ def test_faces_that_look_inwards_do_not_matter():
 def candidate(template, surface, place, feet=0.03):
     joints = np.full((3, 3), float(place))
     state = BodyState(np.zeros(1), np.tile(np.eye(3), (3, 1, 1)), np.zeros(3))
-    return Candidate("made", np.zeros(1), state, Misfit(template, surface, feet), joints, 0.0)
+    return Candidate("made", np.zeros(1), state, Misfit(template, surface, feet), joints, np.zeros(0))
 
 
 def test_a_surface_that_the_template_does_not_explain_lowers_the_confidence():
