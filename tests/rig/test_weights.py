@@ -11,7 +11,7 @@ from retarget.geometry.topology import vertex_normals
 from retarget.rig.fit import prepare_skin
 from retarget.rig.registration import Registered, register
 from retarget.rig.templates import human_template
-from retarget.rig.weights import places_on_template, rigid_pieces, sparse_weights
+from retarget.rig.weights import finer_places, places_on_template, rigid_pieces, sparse_weights
 
 
 def exact(seed):
@@ -100,3 +100,14 @@ def test_laying_on_ends_on_the_surface():
     before = np.linalg.norm(index.closest(moved).of(mesh.vertices) - moved, axis=1)
     assert away.mean() < 0.15 * before.mean() and found.found.mean() > 0.95
     assert isinstance(truth.places, Places)
+
+
+def test_a_map_is_followed_within_faces_and_not_where_it_jumps():
+    rest = human_template().model.points
+    faces = human_template().faces[:3]
+    found = Places(faces, np.full((3, 3), 1 / 3))
+    far = human_template().faces[-1]
+    known = Places(np.stack([faces[0], far, faces[2]]), np.array([[0.2, 0.3, 0.5], [0.2, 0.3, 0.5], [1.0, 0.0, 0.0]]))
+    places = finer_places(known, found, rest)
+    assert np.allclose(places.weights, [[0.2, 0.3, 0.5], [1 / 3] * 3, [1 / 3] * 3])
+    assert np.array_equal(places.corners, faces)

@@ -33,7 +33,7 @@ from retarget.rig.shares import bare_parts
 from retarget.rig.template import Template, intrinsic_body
 from retarget.rig.templates import human_template
 from retarget.rig.unit import likely_unit, usual_height
-from retarget.rig.weights import HELD_AWAY, places_on_template, rigid_pieces, sparse_weights
+from retarget.rig.weights import HELD_AWAY, finer_places, places_on_template, rigid_pieces, sparse_weights
 from retarget.rig.working_surface import (
     MOST_LEFT_OUT,
     STANDS_APART,
@@ -92,6 +92,8 @@ def rig(
     template = template or human_template()
     mesh = _as_mesh(body, tell)
     surface = finite_surface(mesh.vertices, mesh.faces)
+    if surface_map is not None:
+        surface_map = _onto_surface(template, surface, surface_map)
     known = None if surface_map is None else _known_places(template, surface, surface_map)
     given = Given.of(template, surface, landmarks or {})
     if known is None:
@@ -109,6 +111,8 @@ def rig(
     model = template.model
     like_normals = LIKE_NORMALS_OF_PIECES if found.working.fused else LIKE_NORMALS
     places = places_on_template(moved, fitted.registered, template.faces, model.points, like_normals)
+    if surface_map is not None:
+        places = finer_places(surface_map, places, model.points)
     bare = bare_parts(template, pose_body(model, fitted.state).points, moved, places) if template.human else {}
     lost = {name: share for name, share in bare.items() if not name.endswith("Hand")}  # a fist may lie in an armpit
     if lost and not landmarks and known is None:
@@ -157,18 +161,23 @@ class _Found:
     doubt: str
 
 
-def _known_places(template: Template, surface: Surface, surface_map: Places) -> Float[Array, "template 3"]:
-    """For each vertex of the template, the vertex of the mesh that is mapped nearest to it. Raises `RetargetError` for a map
-    of another mesh or another template."""
-    from scipy.spatial import cKDTree
-
-    rest, own = template.model.points, template.file_vertices
+def _onto_surface(template: Template, surface: Surface, surface_map: Places) -> Places:
+    """A map onto the template's file as one onto its surface. Raises `RetargetError` for a map of another mesh or another
+    template."""
+    own = template.file_vertices
     if len(surface_map.corners) != len(surface) or surface_map.corners.max(initial=0) >= len(own):
         raise RetargetError(
             f"the surface map is of {len(surface_map.corners)} vertices onto vertex {surface_map.corners.max(initial=0)}; the mesh "
             f"has {len(surface)}, the template {len(own)}"
         )
-    surface_map = Places(own[surface_map.corners], surface_map.weights)
+    return Places(own[surface_map.corners], surface_map.weights)
+
+
+def _known_places(template: Template, surface: Surface, surface_map: Places) -> Float[Array, "template 3"]:
+    """For each vertex of the template, the vertex of the mesh that is mapped nearest to it."""
+    from scipy.spatial import cKDTree
+
+    rest = template.model.points
     return surface.vertices[cKDTree(surface_map.of(rest)).query(rest)[1]]
 
 

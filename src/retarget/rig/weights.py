@@ -32,6 +32,8 @@ HELD_AWAY = 0.04 * HEIGHT
 """Median distance of a piece from the body from which it is something held or worn that moves as one."""
 LEAST_AGREEMENT = 0.3
 """Mean cosine between a piece's normals and those beneath it, from which they count."""
+ASTRAY = 0.02 * HEIGHT
+"""Metres on the template beyond which a place of a map that was handed over is taken for a mistake."""
 HELD = 1.0
 """Weight of the template's rest place beside the place itself, where a patch is placed again next to its neighbours."""
 
@@ -68,6 +70,18 @@ def places_on_template(
     corners, weights = places.corners.copy(), places.weights.copy()
     corners[wrong], weights[wrong] = mended.corners, mended.weights
     return Places(corners, weights)
+
+
+def finer_places(known: Places, found: Places, rest: Float[Array, "template 3"]) -> Places:
+    """Places of a map that was handed over, wherever they lie within faces and near those that were found.
+
+    A map from vertex to vertex is no finer than the template's triangles, and a wrong one jumps: there the laid-on template
+    says more.
+    """
+    within = known.weights.max(axis=1) < 1.0 - 1e-6
+    near = np.linalg.norm(known.of(rest) - found.of(rest), axis=1) < ASTRAY
+    taken = (within & near)[:, None]
+    return Places(np.where(taken, known.corners, found.corners), np.where(taken, known.weights, found.weights))
 
 
 def sparse_weights(
