@@ -30,6 +30,7 @@ from retarget.rig.laying import LaidOn, lay_on
 from retarget.rig.rest import rest_from_pose
 from retarget.rig.search import CLEAR, FAR_FROM_LANDMARK, ILL, Candidate, candidates, confidence_of
 from retarget.rig.shares import bare_parts
+from retarget.rig.stretch import fill_stretched
 from retarget.rig.template import Template, intrinsic_body
 from retarget.rig.templates import human_template
 from retarget.rig.unit import likely_unit, usual_height
@@ -49,6 +50,8 @@ LEAST_CONFIDENCE = 0.34
 """Below this no rig is delivered: landmarks are asked for."""
 LIKE_NORMALS_OF_PIECES = 0.3 * LIKE_NORMALS
 """How far apart opposite normals put two places on bodies put together of pieces, whose surfaces turn every way."""
+RINGS_OF_PIECES = 2
+"""Vertices around stretched edges whose weights are filled in too on such bodies, whose places are less sure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +122,16 @@ def rig(
         doubt = f"nothing of it is left for {', '.join(lost)}"
         raise RetargetError(_doubtful(surface, found.working, doubt, found.confidence * min(lost.values())))
     away = np.linalg.norm(places.of(fitted.registered.vertices) - moved.vertices, axis=1)
-    rest = rest_from_pose(model, fitted.state, rigid_pieces(moved, places.of(model.weights), away), moved.vertices)
+    filling = fill_stretched(moved, places.of(model.points), RINGS_OF_PIECES if found.working.fused else 0)
+    carried = rigid_pieces(moved, filling.of(places.of(model.weights)), away)
+    rest = rest_from_pose(model, fitted.state, carried, moved.vertices)
     body = away < max(HELD_AWAY, float(np.median(away)))
     floor, top = float(rest[body, 1].min()), float(rest[body, 1].max())
     height = (top - floor) / target.unit
     told = (unit, f"{height * (unit or 0.0):.2f} m tall")
     usual = usual_height(template, fitted.state.shape)
     metres, note = likely_unit(height, usual, template.height) if unit is None else told
-    skin = sparse_weights(rigid_pieces(moved, places.of(template.weights), away))
+    skin = sparse_weights(rigid_pieces(moved, filling.of(places.of(template.weights)), away))
     character = _character(template, fitted, replace(mesh, vertices=rest), skin, floor, metres / target.unit)
     notes = (note, *((f"{found.working.pieces} pieces, taken as one body",) if found.working.fused else ()), best.how)
     notes += (f"next to nothing of the mesh is {', '.join(bare)}",) if bare else ()

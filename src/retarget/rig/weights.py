@@ -127,17 +127,19 @@ def _vertex_pieces(mesh: Surface) -> Int[Array, "vertices"]:
     return np.unique(label[leader], return_inverse=True)[1]
 
 
-def _edges(mesh: Surface) -> tuple[Int[Array, "edges 2"], Float[Array, "edges"]]:
+def welded_edges(
+    mesh: Surface,
+) -> tuple[Int[Array, "vertices"], Int[Array, "edges 2"], Float[Array, "edges"]]:
+    """For each vertex the one that stands for all at its place; edges between those, and their lengths."""
     leader = weld(mesh.vertices)
     edges, _, _ = unique_pairs(np.sort(leader[mesh.faces][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1))
     edges = edges[edges[:, 0] != edges[:, 1]]
-    return edges, np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
+    return leader, edges, np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
 
 
 def _across_leaks(mesh: Surface, rest: Float[Array, "vertices 3"]) -> Bool[Array, "vertices"]:
     """Vertices in patches that are small and whose neighbours all lie elsewhere on the template."""
-    leader = weld(mesh.vertices)
-    edges, lengths = _edges(mesh)
+    leader, edges, lengths = welded_edges(mesh)
     apart = np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)
     good = apart <= 3 * lengths + JUMP
     if good.all():
@@ -161,8 +163,7 @@ def _nearest_right(mesh: Surface, right: Bool[Array, "vertices"]) -> Int[Array, 
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import dijkstra
 
-    leader = weld(mesh.vertices)
-    edges, lengths = _edges(mesh)
+    leader, edges, lengths = welded_edges(mesh)
     both: Any = (np.concatenate([edges[:, 0], edges[:, 1]]), np.concatenate([edges[:, 1], edges[:, 0]]))
     graph = csr_matrix((np.maximum(np.tile(lengths, 2), 1e-12), both), shape=(len(mesh), len(mesh)))
     sources = np.flatnonzero(right & (leader == np.arange(len(mesh))))
