@@ -8,6 +8,7 @@ before. Only where there is `os.fork`, and only for a process without threads.
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import signal
@@ -103,6 +104,7 @@ class Fork:
 
 def _serve(asked: int, heard: int) -> None:
     """The fork's part: quietly, under limits, a dot for each answer."""
+    faulthandler.disable()  # a parent's would write how a fork went down into the parent's log, which is told anyway
     nothing = os.open(os.devnull, os.O_RDWR)
     for stream in range(3):
         os.dup2(nothing, stream)
