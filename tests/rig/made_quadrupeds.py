@@ -42,7 +42,11 @@ def bones(build):
     hips, chest = np.array([0, leg * 1.05, -long / 2]), np.array([0, leg * 1.08, long / 2])
     nape = chest + [0, build.neck * 0.75, build.neck * 0.65]
     muzzle, rump = nape + [0, -0.25 * build.head, build.head], hips + [0, 0.03, -0.1]
-    middle, half, tip = (hips + chest) / 2, rump + [0, 0.1 * build.tail, -0.5 * build.tail], rump + [0, 0.1 * build.tail, -build.tail]
+    middle, half, tip = (
+        (hips + chest) / 2,
+        rump + [0, 0.1 * build.tail, -0.5 * build.tail],
+        rump + [0, 0.1 * build.tail, -build.tail],
+    )
     found = [
         ("Root", None, np.zeros(3), None, 0.0),
         ("Pelvis", "Root", hips, middle, 0.12 * girth),

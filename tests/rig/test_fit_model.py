@@ -33,7 +33,9 @@ def test_derivatives_are_central_differences(template, seed):
     draw = np.random.default_rng(seed + 10)
     for _ in range(3):
         step = draw.normal(size=posed.jacobian.shape[2])
-        ahead, behind = (pose_body(model, moved_state(state, sign * 1e-5 * step, model.parents)).points for sign in (1, -1))
+        ahead, behind = (
+            pose_body(model, moved_state(state, sign * 1e-5 * step, model.parents)).points for sign in (1, -1)
+        )
         assert np.allclose(posed.jacobian @ step, (ahead - behind) / 2e-5, atol=2e-5)
 
 

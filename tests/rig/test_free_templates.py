@@ -91,7 +91,9 @@ def longest_edge(vertices, faces):
 def test_nothing_tears_when_it_walks(build):
     found = rigged(build, "sitting").character
     walking, _ = posed(Quadruped(found, found.skeleton.offsets), "walking")
-    assert longest_edge(walking, found.mesh.faces) < 1.5 * longest_edge(made(build, "walking")[0].vertices / SCALE, found.mesh.faces)
+    assert longest_edge(walking, found.mesh.faces) < 1.5 * longest_edge(
+        made(build, "walking")[0].vertices / SCALE, found.mesh.faces
+    )
 
 
 def test_the_rig_is_the_templates():
@@ -158,10 +160,20 @@ def test_vertices_are_numbered_as_in_the_templates_file():
 
 def refused():
     four = ENDS[:4]
-    yield "none", "long", {}, "a template that is no human .* by 4 landmarks or more, .*; 0 given. Its landmarks: Head, Head_end, TailTip, "
+    yield (
+        "none",
+        "long",
+        {},
+        "a template that is no human .* by 4 landmarks or more, .*; 0 given. Its landmarks: Head, Head_end, TailTip, ",
+    )
     yield "three", "long", {name: 5 for name in ENDS[:3]}, "3 given. .* --landmarks Head=N,FrontRightPaw=N"
     yield "one place", "long", dict.fromkeys(four, 7), "landmarks 'Head_end' and 'TailTip' lie in one place on the mesh"
-    yield "one name twice", "long", {"Head": 1, "Head_end": 500, "TailTip": 900, "TailBase": 1300}, "'Head_end' lie in one place on the template"
+    yield (
+        "one name twice",
+        "long",
+        {"Head": 1, "Head_end": 500, "TailTip": 900, "TailBase": 1300},
+        "'Head_end' lie in one place on the template",
+    )
     yield "unknown", "long", {"Paw": 3}, "landmark 'Paw' is not in the template; nearest: "
     yield "a number too high", "long", {"99999999": 3}, "landmark 99999999 is a vertex of the template, which has 1"
 
@@ -192,7 +204,10 @@ def test_another_structure_is_refused():
 def test_exchanged_landmarks_are_refused():
     given = landmarks("longest")
     given["Head_end"], given["HindRightPaw"] = given["HindRightPaw"], given["Head_end"]
-    with pytest.raises(RetargetError, match=r"the template fits the mesh only with its '\w+' \d+% of the mesh's length from the landmark; check"):
+    with pytest.raises(
+        RetargetError,
+        match=r"the template fits the mesh only with its '\w+' \d+% of the mesh's length from the landmark; check",
+    ):
         rig(made("longest", "standing")[0], template(), given)
 
 
@@ -202,11 +217,18 @@ def test_what_moves_no_skin_is_no_joint_of_the_fit():
     assert found.names[0] == "Pelvis" and not found.human and not found.feet.any()
     groups = free_structure(found.skeleton, found.weights).groups
     pairs = {tuple(found.names[joint] for joint in group) for group in groups if len(group) == 2}
-    assert pairs == {(f"{end}Left{part}", f"{end}Right{part}") for end in ("Front", "Hind") for part in ("Upper", "Lower", "Paw")}
+    assert pairs == {
+        (f"{end}Left{part}", f"{end}Right{part}") for end in ("Front", "Hind") for part in ("Upper", "Lower", "Paw")
+    }
 
 
 def test_skins_on_two_branches_hang_on_the_joint_above():
-    skeleton = Skeleton(("armature", "base", "left", "right"), np.array([-1, 0, 1, 1]), np.eye(4)[:, :3], np.tile([0.0, 0, 0, 1], (4, 1)))
+    skeleton = Skeleton(
+        ("armature", "base", "left", "right"),
+        np.array([-1, 0, 1, 1]),
+        np.eye(4)[:, :3],
+        np.tile([0.0, 0, 0, 1], (4, 1)),
+    )
     found = free_structure(skeleton, np.array([[0, 0, 1.0, 0], [0, 0, 0, 1.0]]))
     assert found.names == ("base", "left", "right") and found.parents.tolist() == [-1, 0, 0]
 

@@ -14,7 +14,8 @@ from retarget.geometry.resample import Surface, largest_pieces
 from retarget.geometry.shell import CELLS, covering_points, shell
 from retarget.rig.fit import Misfit
 from retarget.rig.fit_model import BodyState
-from retarget.rig.rigging import LEAST_CONFIDENCE, rig
+from retarget.rig.reading import LEAST_CONFIDENCE
+from retarget.rig.rigging import rig
 from retarget.rig.search import Candidate, confidence_of
 from retarget.rig.shares import bare_parts
 from retarget.rig.template import MAIN
@@ -61,7 +62,9 @@ def cut(keep):
     ],
 )
 def test_what_would_be_rigged_wrongly_is_refused(make, reason):
-    with pytest.raises(RetargetError, match=rf"no body was found with certainty in .*: {reason}.* \(confidence 0\.\d\d;"):
+    with pytest.raises(
+        RetargetError, match=rf"no body was found with certainty in .*: {reason}.* \(confidence 0\.\d\d;"
+    ):
         rig(make())
 
 

@@ -47,7 +47,9 @@ def test_the_rest_pose_is_the_templates(seed):
     found, truth = rigged(seed), case(seed)
     turns, _ = rest_pose(found.character.skeleton)
     assert np.allclose(turns, rest_pose(human().skeleton)[0])
-    mine = found.character.mesh.vertices[truth.body] * (truth.height / truth.scale / np.ptp(found.character.mesh.vertices[:, 1]))
+    mine = found.character.mesh.vertices[truth.body] * (
+        truth.height / truth.scale / np.ptp(found.character.mesh.vertices[:, 1])
+    )
     true = truth.places.of(truth.character.mesh.vertices)[truth.body]
     away = np.linalg.norm(mine - mine.mean(axis=0) - true + true.mean(axis=0), axis=1)
     assert away.mean() < 0.03
@@ -159,7 +161,9 @@ def things():
 
 @pytest.mark.parametrize("mesh", [pytest.param(mesh, id=name) for name, mesh in things()])
 def test_what_is_no_body_is_refused(mesh):
-    with pytest.raises(RetargetError, match=r"no body was found with certainty .* \(confidence 0\.\d+; 0\.34 is needed\)"):
+    with pytest.raises(
+        RetargetError, match=r"no body was found with certainty .* \(confidence 0\.\d+; 0\.34 is needed\)"
+    ):
         rig(mesh)
 
 
@@ -200,6 +204,8 @@ def test_a_template_needs_a_surface():
     actor = cast(human())
     with pytest.raises(RetargetError, match="has no surface, so it cannot be a template"):
         character_template(replace(actor.character, mesh=None, skin=None), actor.humanoid)
-    few = replace(actor.humanoid, joints={name: joint for name, joint in actor.humanoid.joints.items() if name != "head"})
+    few = replace(
+        actor.humanoid, joints={name: joint for name, joint in actor.humanoid.joints.items() if name != "head"}
+    )
     with pytest.raises(RetargetError, match="it lacks head"):
         character_template(actor.character, few)

@@ -12,7 +12,10 @@ def strip(count=40, step=0.01):
     vertices = np.concatenate([np.stack([x, np.full(count, y), np.zeros(count)], axis=1) for y in (0.0, step)])
     first = np.arange(count - 1)
     faces = np.concatenate(
-        [np.stack([first, first + 1, first + count], axis=1), np.stack([first + 1, first + count + 1, first + count], axis=1)]
+        [
+            np.stack([first, first + 1, first + count], axis=1),
+            np.stack([first + 1, first + count + 1, first + count], axis=1),
+        ]
     )
     return Surface(vertices, faces)
 

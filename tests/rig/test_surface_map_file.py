@@ -80,7 +80,9 @@ def test_more_functions_than_the_map_has_do_not_matter(tmp_path):
     fine, coarse, near = lumps()
     arrays = functional(12, 10, fine, coarse, near)
     np.savez(tmp_path / "all.npz", **arrays)
-    np.savez(tmp_path / "own.npz", C=arrays["C"], mesh_basis=fine.vectors[:, :12], template_basis=coarse.vectors[:, :10])
+    np.savez(
+        tmp_path / "own.npz", C=arrays["C"], mesh_basis=fine.vectors[:, :12], template_basis=coarse.vectors[:, :10]
+    )
     one, other = (read_surface_map(tmp_path / name, len(coarse.vectors)) for name in ("all.npz", "own.npz"))
     assert np.array_equal(one.corners, other.corners)
 
@@ -90,17 +92,33 @@ def wrong_maps():
     good = functional(16, 14, fine, coarse, near)
     square = functional(16, 16, fine, coarse, near)
     sign = np.where(np.arange(16) % 2, 1.0, -1.0)
-    yield "no bases", {"C": good["C"]}, "'C' means nothing without the eigenfunctions it is between; 'mesh_basis' is missing"
+    yield (
+        "no bases",
+        {"C": good["C"]},
+        "'C' means nothing without the eigenfunctions it is between; 'mesh_basis' is missing",
+    )
     yield "one basis", {key: good[key] for key in ("C", "mesh_basis")}, "'template_basis' is missing"
     yield "a row", good | {"C": good["C"][0]}, r"'C' must have rows and columns; its shape is \(14,\)"
     yield "no functions", good | {"C": good["C"][:0]}, r"'C' must have rows and columns; its shape is \(0, 14\)"
-    yield "turned", good | {"C": good["C"].T, "mesh_basis": fine.vectors[:, :13]}, r"'C' \(14 x 16\) takes .* 'mesh_basis' has 13 columns"
-    yield "a basis turned", good | {"template_basis": coarse.vectors.T}, "'template_basis' must have a row for every vertex"
+    yield (
+        "turned",
+        good | {"C": good["C"].T, "mesh_basis": fine.vectors[:, :13]},
+        r"'C' \(14 x 16\) takes .* 'mesh_basis' has 13 columns",
+    )
+    yield (
+        "a basis turned",
+        good | {"template_basis": coarse.vectors.T},
+        "'template_basis' must have a row for every vertex",
+    )
     yield "signs", square | {"C": square["C"] * sign[:, None]}, "'C' is no map between its bases: points read from it"
     yield "nothing", good | {"C": 0 * good["C"]}, "'C' is no map between its bases: points read from it give back 0%"
     yield "too large", good | {"C": 1e60 * good["C"]}, "C: holds numbers that are not finite, or absurdly large"
     yield "no numbers", good | {"mesh_basis": fine.vectors * np.nan}, "'?mesh_basis'?.*not finite"
-    yield "another template", good | {"template_basis": coarse.vectors[:-1]}, "'template_basis' has 65 rows; the template has 66 vertices"
+    yield (
+        "another template",
+        good | {"template_basis": coarse.vectors[:-1]},
+        "'template_basis' has 65 rows; the template has 66 vertices",
+    )
 
 
 @pytest.mark.parametrize("arrays, reason", [pytest.param(*rest, id=name) for name, *rest in wrong_maps()])

@@ -56,6 +56,10 @@ class Target:
     origin: Float[Array, "3"]
     """Its middle, in its own units: `vertices = (surface - origin) unit`."""
 
+    def inside(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+        """Points of the surface's own space in these metres and place."""
+        return (points - self.origin) * self.unit
+
     def outside(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
         """Points in the surface's own units and place."""
         return points / self.unit + self.origin
@@ -219,7 +223,10 @@ def state_from_places(model: FitModel, places: Float[Array, "points 3"], shape: 
             if joint:
                 turns[joint] = turns[model.parents[joint]]
                 continue
-            weight, total = np.ones(len(weight)), float(len(weight))  # a root that moves no skin of its own turns with all of it
+            weight, total = (
+                np.ones(len(weight)),
+                float(len(weight)),
+            )  # a root that moves no skin of its own turns with all of it
         here, there = rest - weight @ rest / total, places - weight @ places / total
         u, sizes, vt = np.linalg.svd((weight[:, None] * here).T @ there)
         sign = np.array([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])

@@ -65,7 +65,9 @@ def template_vertex(template: Template, spelled: str) -> tuple[str, int]:
     if not spelled.isdecimal():
         raise unknown_name("landmark", spelled, template.landmarks, "the template")
     if len(spelled) > 12 or int(spelled) >= len(template.file_vertices):
-        raise RetargetError(f"landmark {spelled[:12]} is a vertex of the template, which has {len(template.file_vertices)}")
+        raise RetargetError(
+            f"landmark {spelled[:12]} is a vertex of the template, which has {len(template.file_vertices)}"
+        )
     return spelled, int(template.file_vertices[int(spelled)])
 
 

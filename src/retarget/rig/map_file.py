@@ -74,7 +74,9 @@ def _from_archive(path: Path, template_vertices: int) -> Places:
         raise FileError(path, "holds neither 'map', nor 'corners' and 'weights', nor 'C' with its bases")
     corners, weights = archive.integers("corners"), archive.numbers("weights")
     if corners.ndim != 2 or corners.shape[1] != 3 or weights.shape != corners.shape:
-        raise FileError(path, f"'corners' and 'weights' must be rows of three; they are {corners.shape} and {weights.shape}")
+        raise FileError(
+            path, f"'corners' and 'weights' must be rows of three; they are {corners.shape} and {weights.shape}"
+        )
     if len(weights) and (weights.min() < -1e-6 or np.abs(weights.sum(axis=1) - 1).max() > 1e-3):
         raise FileError(path, "'weights' must not be negative, and each row must sum to one")
     return Places(corners, weights)
@@ -103,7 +105,9 @@ def _by_functions(archive: Archive, template_vertices: int) -> Array:
         )
     for name, (vertices, functions) in zip(bases, (mesh, template)):
         if vertices < functions:
-            raise FileError(path, f"{name!r} must have a row for every vertex; it has {vertices} rows and {functions} columns")
+            raise FileError(
+                path, f"{name!r} must have a row for every vertex; it has {vertices} rows and {functions} columns"
+            )
     if template[0] != template_vertices:
         raise FileError(path, f"'template_basis' has {template[0]} rows; the template has {template_vertices} vertices")
     if max(rows, columns) > MOST_FUNCTIONS:
@@ -124,5 +128,7 @@ def _by_functions(archive: Archive, template_vertices: int) -> Array:
 
 def _vertex_to_vertex(path: Path, vertices: Array) -> Places:
     if vertices.ndim != 1:
-        raise FileError(path, f"'map' must be one number for each vertex of the mesh; it has the shape {vertices.shape}")
+        raise FileError(
+            path, f"'map' must be one number for each vertex of the mesh; it has the shape {vertices.shape}"
+        )
     return Places(np.repeat(vertices[:, None], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(vertices), 1)))

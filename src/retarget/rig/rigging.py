@@ -23,35 +23,18 @@ from retarget.errors import RetargetError
 from retarget.geometry.closest import Places
 from retarget.geometry.resample import Surface
 from retarget.progress import Tell, untold
-from retarget.rig.fit import LIKE_NORMALS, Target
-from retarget.rig.fit_model import part_transforms, pose_body
-from retarget.rig.given import Given, expect_landmarks
+from retarget.rig.carrying import Carried, carry
+from retarget.rig.fit import Target
+from retarget.rig.fit_model import part_transforms
 from retarget.rig.laying import LaidOn, lay_on
+from retarget.rig.reading import Hints, read_body
 from retarget.rig.rest import rest_from_pose
-from retarget.rig.search import CLEAR, FAR_FROM_LANDMARK, ILL, Candidate, candidates, confidence_of
-from retarget.rig.shares import bare_parts
-from retarget.rig.stretch import fill_stretched
-from retarget.rig.template import Template, intrinsic_body
+from retarget.rig.template import Template
 from retarget.rig.templates import human_template
 from retarget.rig.unit import likely_unit, usual_height
-from retarget.rig.weights import HELD_AWAY, finer_places, places_on_template, rigid_pieces, sparse_weights
-from retarget.rig.working_surface import (
-    MOST_LEFT_OUT,
-    STANDS_APART,
-    WorkingSurface,
-    finite_surface,
-    surface_of_points,
-    working_surfaces,
-)
+from retarget.rig.working_surface import finite_surface, surface_of_points
 
 Array = np.ndarray
-
-LEAST_CONFIDENCE = 0.34
-"""Below this no rig is delivered: landmarks are asked for."""
-LIKE_NORMALS_OF_PIECES = 0.3 * LIKE_NORMALS
-"""How far apart opposite normals put two places on bodies put together of pieces, whose surfaces turn every way."""
-RINGS_OF_PIECES = 2
-"""Vertices around stretched edges whose weights are filled in too on such bodies, whose places are less sure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,55 +78,30 @@ def rig(
     template = template or human_template()
     mesh = _as_mesh(body, tell)
     surface = finite_surface(mesh.vertices, mesh.faces)
-    if surface_map is not None:
-        surface_map = _onto_surface(template, surface, surface_map)
-    known = None if surface_map is None else _known_places(template, surface, surface_map)
-    given = Given.of(template, surface, landmarks or {})
-    if known is None:
-        expect_landmarks(template, given)
-    found = _found(template, surface, given, tell, known)
-    if found.confidence < LEAST_CONFIDENCE and not landmarks and known is None:
-        raise RetargetError(_doubtful(surface, found.working, found.doubt, found.confidence))
-    if not template.human and known is None:
-        _expect_likeness(found, given)
-    best, target = found.candidates[0], found.target
+    hints = Hints.of(template, surface, landmarks or {}, surface_map)
+    reading = read_body(template, surface, hints, tell)
+    best, target = reading.candidates[0], reading.target
     tell("laying the template on", 1)
-    moved = _turned_like(Surface((surface.vertices - target.origin) * target.unit, surface.faces), target)
-    fitted = lay_on(template, best, target, moved, None if known is None else (known - target.origin) * target.unit)
+    inside = _turned_like(Surface(target.inside(surface.vertices), surface.faces), target)
+    laid = lay_on(template, best, target, inside, None if hints.known is None else target.inside(hints.known))
     tell("weights", 1)
-    model = template.model
-    like_normals = LIKE_NORMALS_OF_PIECES if found.working.fused else LIKE_NORMALS
-    places = places_on_template(moved, fitted.registered, template.faces, model.points, like_normals)
-    if surface_map is not None:
-        places = finer_places(surface_map, places, model.points)
-    bare = bare_parts(template, pose_body(model, fitted.state).points, moved, places) if template.human else {}
-    lost = {name: share for name, share in bare.items() if not name.endswith("Hand")}  # a fist may lie in an armpit
-    if lost and not landmarks and known is None:
-        doubt = f"nothing of it is left for {', '.join(lost)}"
-        raise RetargetError(_doubtful(surface, found.working, doubt, found.confidence * min(lost.values())))
-    away = np.linalg.norm(places.of(fitted.registered.vertices) - moved.vertices, axis=1)
-    filling = fill_stretched(moved, places.of(model.points), RINGS_OF_PIECES if found.working.fused else 0)
-    carried = rigid_pieces(moved, filling.of(places.of(model.weights)), away)
-    rest = rest_from_pose(model, fitted.state, carried, moved.vertices)
-    body = away < max(HELD_AWAY, float(np.median(away)))
-    floor, top = float(rest[body, 1].min()), float(rest[body, 1].max())
-    height = (top - floor) / target.unit
-    told = (unit, f"{height * (unit or 0.0):.2f} m tall")
-    usual = usual_height(template, fitted.state.shape)
-    metres, note = likely_unit(height, usual, template.height) if unit is None else told
-    skin = sparse_weights(rigid_pieces(moved, filling.of(places.of(template.weights)), away))
-    character = _character(template, fitted, replace(mesh, vertices=rest), skin, floor, metres / target.unit)
-    notes = (note, *((f"{found.working.pieces} pieces, taken as one body",) if found.working.fused else ()), best.how)
-    notes += (f"next to nothing of the mesh is {', '.join(bare)}",) if bare else ()
-    joints, _ = part_transforms(model, fitted.state)
+    carried = carry(template, laid, reading, inside, hints)
+    height = (carried.top - carried.floor) / target.unit
+    if unit is None:
+        unit, note = likely_unit(height, usual_height(template, laid.state.shape), template.height)
+    else:
+        note = f"{height * unit:.2f} m tall"
+    pieces = (f"{reading.working.pieces} pieces, taken as one body",) if reading.working.fused else ()
+    bare = (f"next to nothing of the mesh is {', '.join(carried.bare)}",) if carried.bare else ()
+    joints, _ = part_transforms(template.model, laid.state)
     return Rigged(
-        character,
-        found.confidence,
-        places,
+        _character(template, laid, mesh, carried, unit / target.unit),
+        reading.confidence,
+        carried.places,
         target.outside(joints),
-        target.outside(fitted.registered.vertices),
-        metres,
-        notes,
+        target.outside(laid.registered.vertices),
+        unit,
+        (note, *pieces, best.how, *bare),
     )
 
 
@@ -153,60 +111,6 @@ def _as_mesh(body: Mesh | PointCloud, tell: Tell) -> Mesh:
     tell("closing a surface around the points", 1)
     found = surface_of_points(body.points)
     return Mesh(found.vertices, found.faces)
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Readings of one working surface."""
-
-    working: WorkingSurface
-    target: Target
-    candidates: list[Candidate]
-    confidence: float
-    doubt: str
-
-
-def _onto_surface(template: Template, surface: Surface, surface_map: Places) -> Places:
-    """A map onto the template's file as one onto its surface. Raises `RetargetError` for a map of another mesh or another
-    template."""
-    own = template.file_vertices
-    if len(surface_map.corners) != len(surface) or surface_map.corners.max(initial=0) >= len(own):
-        raise RetargetError(
-            f"the surface map is of {len(surface_map.corners)} vertices onto vertex {surface_map.corners.max(initial=0)}; the mesh "
-            f"has {len(surface)}, the template {len(own)}"
-        )
-    return Places(own[surface_map.corners], surface_map.weights)
-
-
-def _known_places(template: Template, surface: Surface, surface_map: Places) -> Float[Array, "template 3"]:
-    """For each vertex of the template, the vertex of the mesh that is mapped nearest to it."""
-    from scipy.spatial import cKDTree
-
-    rest = template.model.points
-    return surface.vertices[cKDTree(surface_map.of(rest)).query(rest)[1]]
-
-
-def _found(
-    template: Template, surface: Surface, given: Given, tell: Tell, known: Float[Array, "template 3"] | None
-) -> _Found:
-    """The working surface whose best reading is the surest. Raises `RetargetError` where nothing is named and no surface is one
-    body's alone."""
-    best: _Found | None = None
-    tell("preparing the surface", 1)
-    for working in working_surfaces(surface):
-        if working.left_out > MOST_LEFT_OUT and not given and known is None:
-            if best is None:
-                apart = f"{100 * working.left_out:.0f} % of the surface {STANDS_APART}"
-                raise RetargetError(_doubtful(surface, working, apart, 0.0))
-            break
-        target, found = candidates(template, intrinsic_body(working.surface), given, tell, known)
-        this = _Found(working, target, found, *confidence_of(found))
-        if best is None or this.confidence > best.confidence:
-            best = this
-        if best.confidence > CLEAR:
-            break
-        tell("closing a shell around all pieces", 1)
-    return best
 
 
 def _turned_like(mesh: Surface, target: Target) -> Surface:
@@ -221,14 +125,12 @@ def _turned_like(mesh: Surface, target: Target) -> Surface:
     return mesh
 
 
-def _character(
-    template: Template, fitted: LaidOn, mesh: Mesh, skin: tuple[Array, Array], floor: float, scale: float
-) -> Character:
-    """Skeleton and weights of the template on the mesh, which is at rest; feet on y = 0, hips at x = z = 0."""
-    skeleton, (columns, weights) = template.skeleton, skin
+def _character(template: Template, fitted: LaidOn, mesh: Mesh, carried: Carried, scale: float) -> Character:
+    """Skeleton and weights of the template on the mesh at rest; feet on y = 0, hips at x = z = 0."""
+    skeleton = template.skeleton
     joints = _all_joints(template, fitted)
-    shift = np.array([joints[0, 0], floor, joints[0, 2]])
-    joints, vertices = (joints - shift) * scale, (mesh.vertices - shift) * scale
+    shift = np.array([joints[0, 0], carried.floor, joints[0, 2]])
+    joints, vertices = (joints - shift) * scale, (carried.rest - shift) * scale
     world, _ = rest_pose(skeleton)
     offsets = joints.copy()
     child = np.flatnonzero(skeleton.parents >= 0)
@@ -238,9 +140,8 @@ def _character(
     turn = rot.to_matrix(rot.inverse(world))
     binds[:, :3, :3], binds[:, :3, 3] = turn, -np.einsum("jab,jb->ja", turn, joints)
     rigged = Skeleton(skeleton.names, skeleton.parents, offsets, skeleton.rest_rotations)
-    return Character(
-        rigged, replace(mesh, vertices=vertices), Skin(np.arange(len(skeleton)), binds, columns, weights), name="rigged"
-    )
+    skin = Skin(np.arange(len(skeleton)), binds, carried.columns, carried.weights)
+    return Character(rigged, replace(mesh, vertices=vertices), skin, name="rigged")
 
 
 def _all_joints(template: Template, fitted: LaidOn) -> Float[Array, "joints 3"]:
@@ -253,30 +154,3 @@ def _all_joints(template: Template, fitted: LaidOn) -> Float[Array, "joints 3"]:
         rest = rest_from_pose(model, fitted.state, model.weights, fitted.registered.vertices)
         joints[others] = np.einsum("jk,jkx->jx", template.other_shares, rest[template.other_vertices])
     return joints
-
-
-def _expect_likeness(found: _Found, given: Given) -> None:
-    """Raises `RetargetError` where a template that is no human does not lie in the mesh, or not as the landmarks say."""
-    best, length = found.candidates[0], float(np.ptp(found.target.vertices, axis=0).max())
-    cure = "check which landmark is where, give more of them, or take a template of the mesh's structure"
-    if best.misfit.template > ILL:
-        raise RetargetError(
-            f"the template does not fit the mesh: its surface ends up {best.misfit.template / length:.1%} of the mesh's length "
-            f"away, {ILL / length:.1%} is the limit; {cure}"
-        )
-    worst = int(best.landmarks.argmax())
-    if best.landmarks[worst] > FAR_FROM_LANDMARK:
-        raise RetargetError(
-            f"the template fits the mesh only with its {given.names[worst]!r} {best.landmarks[worst] / length:.0%} of the mesh's "
-            f"length from the landmark; {cure}"
-        )
-
-
-def _doubtful(mesh: Surface, working: WorkingSurface, doubt: str, confidence: float) -> str:
-    size = " x ".join(f"{extent:.3g}" for extent in np.ptp(mesh.vertices, axis=0))
-    count = f"{len(mesh)} vertices in {working.pieces} piece{'s' if working.pieces > 1 else ''}"
-    return (
-        f"no body was found with certainty in {count}, {size} units large: {doubt} "
-        f"(confidence {confidence:.2f}; {LEAST_CONFIDENCE} is needed). Say where some places are, by vertex: "
-        "--landmarks head=N,leftHand=N,rightHand=N,leftFoot=N,rightFoot=N"
-    )

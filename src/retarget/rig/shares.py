@@ -30,8 +30,7 @@ def bare_parts(
     """
     weights = template.body.weights
     wanted, found = (
-        _areas_by_part(*each)
-        for each in ((Surface(posed, template.faces), weights), (mesh, places.of(weights)))
+        _areas_by_part(*each) for each in ((Surface(posed, template.faces), weights), (mesh, places.of(weights)))
     )
     shares = {
         name: float(found[part] / wanted[part])
@@ -45,7 +44,5 @@ def bare_parts(
 
 def _areas_by_part(surface: Surface, weights: Float[Array, "vertices parts"]) -> Float[Array, "parts"]:
     """The area of each part: of a vertex, a third of its faces', divided by its weights."""
-    corners = np.bincount(
-        surface.faces.ravel(), np.repeat(areas(surface.vertices, surface.faces) / 3, 3), len(surface)
-    )
+    corners = np.bincount(surface.faces.ravel(), np.repeat(areas(surface.vertices, surface.faces) / 3, 3), len(surface))
     return corners @ weights

@@ -116,9 +116,7 @@ def no_components(
     return np.zeros((0, len(surface), 3)), np.zeros((0, len(structure.names), 3))
 
 
-def joint_landmarks(
-    skeleton: Skeleton, surface: Surface, weights: Float[Array, "vertices joints"]
-) -> dict[str, int]:
+def joint_landmarks(skeleton: Skeleton, surface: Surface, weights: Float[Array, "vertices joints"]) -> dict[str, int]:
     """Vertices by the names of joints: for each joint that moves some of the surface and does not branch, where the part that
     it moves ends, its vertex farthest from the joint; for a joint at the end of a bone that moves nothing (`Head_end`), the
     vertex of the bone's part that lies farthest out along it.

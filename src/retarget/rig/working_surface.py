@@ -62,9 +62,14 @@ def working_surfaces(surface: Surface) -> Iterator[WorkingSurface]:
     Raises `RetargetError` where there is no area to work on.
     """
     surface = cleaned(surface)
-    flat = areas(surface.vertices, surface.faces) <= THINNEST * float(np.ptp(surface.vertices, axis=0).max(initial=0.0)) ** 2
+    flat = (
+        areas(surface.vertices, surface.faces)
+        <= THINNEST * float(np.ptp(surface.vertices, axis=0).max(initial=0.0)) ** 2
+    )
     if len(flat) - int(flat.sum()) < 4:
-        raise RetargetError(f"the mesh has {len(flat) - int(flat.sum())} triangles with an area; a body needs a surface")
+        raise RetargetError(
+            f"the mesh has {len(flat) - int(flat.sum())} triangles with an area; a body needs a surface"
+        )
     surface = _without_crumbs(surface)
     found = largest_pieces(surface)
     whole = np.ptp(surface.vertices, axis=0)
@@ -88,7 +93,9 @@ def _without_crumbs(surface: Surface) -> Surface:
     body = surface.vertices[surface.faces[~small[label]]]
     low, high = body.min(axis=(0, 1)), body.max(axis=(0, 1))
     away = FAR * float(np.linalg.norm(high - low))
-    outside = ((surface.vertices < low - away) | (surface.vertices > high + away)).any(axis=1)[surface.faces].all(axis=1)
+    outside = (
+        ((surface.vertices < low - away) | (surface.vertices > high + away)).any(axis=1)[surface.faces].all(axis=1)
+    )
     far = small & (np.bincount(label, weights=outside, minlength=len(size)) == np.bincount(label))
     return cleaned(Surface(surface.vertices, surface.faces[~far[label]])) if far.any() else surface
 
@@ -105,7 +112,9 @@ def _shell_of(surface: Surface) -> tuple[Surface, float]:
     return _thin_shell(covering_points(surface, 0.7 * step), CELLS)
 
 
-def _thin_shell(points: Float[Array, "points 3"], cells: int, gaps: int | Int[Array, "points"] = 0) -> tuple[Surface, float]:
+def _thin_shell(
+    points: Float[Array, "points 3"], cells: int, gaps: int | Int[Array, "points"] = 0
+) -> tuple[Surface, float]:
     """The thinnest shell that is one piece but for crumbs and that a thicker one encloses no more with: then nothing leaks.
 
     `gaps` are voxels that it is thicker by, at each point. Beside it the share of vertices that its other pieces have. Raises
@@ -143,7 +152,9 @@ def surface_of_points(points: Float[Array, "points 3"]) -> Surface:
     _check_places(points)
     points = _without_strays(points)
     if len(points) < FEWEST_POINTS:
-        raise RetargetError(f"the cloud has {len(points)} points; at least {FEWEST_POINTS} are needed to see a body in it")
+        raise RetargetError(
+            f"the cloud has {len(points)} points; at least {FEWEST_POINTS} are needed to see a body in it"
+        )
     tree = cKDTree(points)
     apart = tree.query(points, k=NEIGHBOURS)[0][:, -1]
     extent = float(np.ptp(points, axis=0).max())
