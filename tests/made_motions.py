@@ -8,11 +8,12 @@ import numpy as np
 from retarget.body import rotations as rot
 from retarget.body.human import PRESETS, human
 from retarget.body.kinematics import forward, local_rotations, rest_pose
+from retarget.casting import Hints, cast
 from retarget.character import Character, Motion, Skeleton, Skin
 from retarget.contact.support import descendants
 from retarget.motion.align import Similarity
 from retarget.motion.ik import two_bone
-from retarget.retargeting import Hints, cast, prepare
+from retarget.retargeting import prepare
 
 UP = np.array([0.0, 1.0, 0.0])
 

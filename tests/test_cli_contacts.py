@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from retarget.body.kinematics import world_pose
+from retarget.casting import cast
 from retarget.contact.contact_file import read_contacts
 from retarget.evaluate.touch import judged_body
 from retarget.io import load, save
-from retarget.retargeting import cast
 
 
 @pytest.fixture(scope="module")
@@ -17,9 +17,10 @@ def files(tmp_path_factory):
     from dataclasses import replace
 
     from retarget.body.human import PRESETS, human
+    from retarget.casting import cast
     from retarget.motion.filter import cut
     from retarget.motion.library import embedded_motion, performer
-    from retarget.retargeting import cast, prepare
+    from retarget.retargeting import prepare
 
     folder = tmp_path_factory.mktemp("contacts")
     clip = cut(embedded_motion("hands_on_hips"), 1.5, 2.0)

@@ -9,6 +9,7 @@ from made_motions import actor, body, cast_by_names, scaled, stand, walk
 import retarget as package
 from retarget.body import rotations as rot
 from retarget.body.kinematics import world_pose
+from retarget.casting import Hints, cast
 from retarget.character import Character, Skeleton
 from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import load, save
@@ -17,7 +18,7 @@ from retarget.methods.base import save_results
 from retarget.methods.interaction.retargeter import PreparedInteraction
 from retarget.motion.align import Similarity
 from retarget.motion.chains import path_up
-from retarget.retargeting import Hints, cast, choose_method, prepare, retarget
+from retarget.retargeting import choose_method, prepare, retarget
 
 
 def without(character, *names):

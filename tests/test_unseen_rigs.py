@@ -25,13 +25,14 @@ from rig_variants import (
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import local_rotations, world_pose
+from retarget.casting import cast
 from retarget.character import Character, Motion
 from retarget.contact.ground import ground_contacts
 from retarget.evaluate.cases import arms_turned, in_other_rest_pose
 from retarget.io import bvh
 from retarget.motion.align import Similarity
 from retarget.motion.library import embedded_motion, performer
-from retarget.retargeting import cast, prepare, retarget
+from retarget.retargeting import prepare, retarget
 
 
 def turn(*degrees):

@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 from retarget.body.human import PRESETS, human
 from retarget.character import Character, Material, Mesh
 from retarget.contact.sensors import Sensors, bone_index, dense_layout, place_sensors
-from retarget.retargeting import cast
+from retarget.casting import cast
 from retarget.view.picture import Camera, render, save_png
 from retarget.view.surface import prepare_surface
 

@@ -16,6 +16,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from retarget.body.human import human
     from retarget.body.skinning import skin_motion
+    from retarget.casting import Hints, cast
     from retarget.character import Character, Mesh, Motion, PointCloud, Pose, Skeleton, Skin
     from retarget.correspond.joints import match_humanoid
     from retarget.errors import FileError, MatchError, RetargetError
@@ -24,15 +25,15 @@ if TYPE_CHECKING:
     from retarget.methods import METHODS, Result, save_results
     from retarget.motion.align import Actor
     from retarget.motion.library import embedded_motion, motion_names
-    from retarget.retargeting import Hints, Production, cast, prepare, retarget
+    from retarget.retargeting import Production, prepare, retarget
 
 _HOME = {
     "retarget": "retargeting",
     "prepare": "retargeting",
     "Production": "retargeting",
     "save_results": "methods",
-    "cast": "retargeting",
-    "Hints": "retargeting",
+    "cast": "casting",
+    "Hints": "casting",
     "load": "io",
     "save": "io",
     "METHODS": "methods",

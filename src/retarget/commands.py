@@ -7,11 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from retarget.casting import cast
 from retarget.character import Provenance
 from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import check_output, load
 from retarget.io.asset import Asset, Clip
-from retarget.retargeting import cast, prepare
+from retarget.retargeting import prepare
 
 
 def describe(path: Path, smpl_model: Path | None = None) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from retarget.body.kinematics import world_pose
+from retarget.casting import Hints, cast
 from retarget.character import Motion
 from retarget.contact.contact_file import write_contacts
 from retarget.contact.contact_list import ContactEvent, contact_events
@@ -18,7 +19,6 @@ from retarget.io import load
 from retarget.motion.align import Actor
 from retarget.motion.filter import cut, resample
 from retarget.motion.stand_in import fit_stand_in
-from retarget.retargeting import Hints, cast
 
 log = logging.getLogger("retarget")
 

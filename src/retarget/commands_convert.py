@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from retarget.body import rotations as rot
+from retarget.casting import Hints, cast
 from retarget.character import Motion
 from retarget.commands_sequence import SEQUENCE_SUFFIXES, convert_sequence
 from retarget.errors import FileError, MatchError, RetargetError
@@ -17,7 +18,6 @@ from retarget.io.file_names import distinct, portable
 from retarget.io.whole_file import check_folder
 from retarget.motion.align import AXES, Similarity
 from retarget.motion.filter import resample
-from retarget.retargeting import Hints, cast
 
 SURFACE_SUFFIXES = (".obj", ".ply")
 """Formats of still surfaces."""

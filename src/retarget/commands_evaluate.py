@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from retarget.casting import Hints, cast
 from retarget.character import Motion
 from retarget.errors import FileError, RetargetError
 from retarget.evaluate.report import Report, evaluate
@@ -18,7 +19,6 @@ from retarget.io.asset import Asset, Clip
 from retarget.io.whole_file import check_folder, written_whole
 from retarget.motion.filter import cut
 from retarget.progress import progress_line
-from retarget.retargeting import Hints, cast
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from retarget.casting import Hints, cast
 from retarget.character import Provenance
 from retarget.commands_run import correction_lines
 from retarget.errors import FileError, RetargetError
 from retarget.io import check_output, load
 from retarget.methods import Interaction, save_results
 from retarget.progress import progress_line
-from retarget.retargeting import Hints, cast, prepare
+from retarget.retargeting import prepare
 
 
 @dataclass(frozen=True)

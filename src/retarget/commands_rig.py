@@ -12,13 +12,13 @@ import numpy as np
 from jaxtyping import Float
 
 from retarget.body import rotations as rot
+from retarget.casting import cast
 from retarget.character import Character, Mesh, PointCloud
 from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import check_output, load, save
 from retarget.io.asset import Asset
 from retarget.motion.align import AXES, Similarity
 from retarget.progress import progress_line
-from retarget.retargeting import cast
 from retarget.rig.free_templates import free_template, stands_like_a_human
 from retarget.rig.map_file import read_surface_map
 from retarget.rig.rigging import Rigged, rig

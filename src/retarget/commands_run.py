@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from retarget.casting import Hints, cast
 from retarget.character import Motion, Provenance
 from retarget.commands_view import Page, Performance, check_page
 from retarget.errors import FileError, RetargetError
@@ -20,7 +21,7 @@ from retarget.io.presets import Preset, preset
 from retarget.methods import Result, save_results
 from retarget.motion.filter import cut, resample
 from retarget.progress import Tell, progress_line
-from retarget.retargeting import Hints, Production, cast, prepare
+from retarget.retargeting import Production, prepare
 
 log = logging.getLogger("retarget")
 

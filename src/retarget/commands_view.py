@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from retarget.casting import Hints, cast
 from retarget.character import Motion
 from retarget.commands_evaluate import ROWS, Question, takes_of
 from retarget.errors import FileError, RetargetError
@@ -20,7 +21,7 @@ from retarget.io.whole_file import check_folder
 from retarget.methods import Result
 from retarget.motion.filter import cut
 from retarget.progress import Tell, progress_line, untold
-from retarget.retargeting import Hints, Production, cast
+from retarget.retargeting import Production
 from retarget.view.report_page import Sheet, page_about_to_stand
 from retarget.view.stage import StageBody, stage_body
 

@@ -8,6 +8,7 @@ import pytest
 from test_contact_list import made_contacts
 
 from retarget.body.kinematics import world_pose
+from retarget.casting import cast
 from retarget.contact.contact_edits import LIKELY, UNLIKELY, added_contacts, apply_edits, sharpened, without_effect
 from retarget.contact.contact_file import ContactEdit, ContactEdits
 from retarget.contact.detect import prepare_contacts
@@ -15,7 +16,6 @@ from retarget.contact.parts import PARTS
 from retarget.errors import RetargetError
 from retarget.motion.filter import resample
 from retarget.motion.library import embedded_motion, performer
-from retarget.retargeting import cast
 
 FPS = 10.0
 

@@ -225,7 +225,7 @@ def test_dense_layouts_cover_the_whole_body():
 
 
 def test_a_robot_of_few_faces_is_sensed(data):
-    from retarget.retargeting import cast
+    from retarget.casting import cast
 
     actor = cast(data / "characters/kaykit/Knight.glb")
     sensors = place_sensors(actor.character, actor.humanoid)

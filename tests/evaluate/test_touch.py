@@ -8,6 +8,7 @@ from made_motions import actor, with_vertices_permuted
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import rest_pose
+from retarget.casting import cast
 from retarget.contact.carried import carry_vertices, same_topology
 from retarget.contact.near_sensors import hand_pairs
 from retarget.contact.slim import arm_radius
@@ -15,7 +16,7 @@ from retarget.evaluate.keepable import search
 from retarget.evaluate.touch import observe, prepare_judge
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
-from retarget.retargeting import cast, prepare
+from retarget.retargeting import prepare
 
 
 @cache

@@ -8,13 +8,13 @@ from smpl_maker import amass, angles, model_arrays, z_up
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import rest_pose, world_pose
+from retarget.casting import cast
 from retarget.correspond.joints import match_humanoid
 from retarget.errors import FileError
 from retarget.io import amass as reader
 from retarget.io import load
 from retarget.io.smpl_joints import CANONICAL, FAMILIES
 from retarget.io.smpl_stand_in import stand_in
-from retarget.retargeting import cast
 
 FRAMES = 7
 ROOT, BODY, HANDS = slice(0, 3), slice(3, 66), slice(66, 156)

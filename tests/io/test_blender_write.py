@@ -13,11 +13,11 @@ from made_motions import actor
 from retarget.body import rotations as rot
 from retarget.body.kinematics import world_pose
 from retarget.body.skinning import prepare_skinning
+from retarget.casting import cast
 from retarget.errors import FileError
 from retarget.io import blender, load, save
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
-from retarget.retargeting import cast
 
 
 def wave():

@@ -5,13 +5,13 @@ import pytest
 from smpl_maker import model_arrays
 
 from retarget.body.skinning import rest_vertices
+from retarget.casting import cast
 from retarget.correspond.joints import match_humanoid
 from retarget.errors import FileError
 from retarget.io import load
 from retarget.io.npz_arrays import open_archive
 from retarget.io.smpl_joints import CANONICAL, FAMILIES
 from retarget.io.smpl_model import open_model, read_model
-from retarget.retargeting import cast
 
 
 def tiny(joints=24, vertices=8, shapes=3, seed=2):

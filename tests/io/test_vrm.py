@@ -14,11 +14,12 @@ from vrm_maker import old_name, split, vrm
 
 from retarget import cli, commands_run
 from retarget.body.kinematics import world_pose
+from retarget.casting import Hints, cast
 from retarget.correspond.joints import HUMANOID_JOINTS, REQUIRED_JOINTS
 from retarget.errors import FileError, RetargetError
 from retarget.io import load, save
 from retarget.io.vrm import BONES
-from retarget.retargeting import Hints, cast, prepare, retarget
+from retarget.retargeting import prepare, retarget
 
 VERSIONS = ("1.0", "0.x", "animation")
 

@@ -5,9 +5,10 @@ import pytest
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import world_pose
+from retarget.casting import Hints, cast
 from retarget.character import Character, Motion, Skeleton
 from retarget.motion.chains import Chain, chain_between, path_up, share, trunk_and_neck
-from retarget.retargeting import Hints, cast, prepare
+from retarget.retargeting import prepare
 
 LIMBS = {
     "UpperLeg": ("hips", (0.1, -0.05, 0)), "LowerLeg": ("UpperLeg", (0, -0.42, 0)), "Foot": ("LowerLeg", (0, -0.42, 0)), "Toes": ("Foot", (0, -0.06, 0.14)),

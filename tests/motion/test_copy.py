@@ -8,11 +8,12 @@ from made_motions import actor, body, cast_by_names, poses, walk
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import forward, rest_pose, still_motion, world_pose
+from retarget.casting import Hints, cast
 from retarget.character import Character, Skeleton
 from retarget.evaluate.cases import arms_turned, in_other_rest_pose, limb_directions
 from retarget.evaluate.metrics import angle_error_degrees
 from retarget.motion.copy import copy_rotations, plan_copy, positions_of
-from retarget.retargeting import Hints, cast, prepare
+from retarget.retargeting import prepare
 
 
 @pytest.mark.parametrize("preset", ["heavy", "child", "toddler"])

@@ -9,10 +9,11 @@ from retarget.body import rotations as rot
 from retarget.body.human import PRESETS, human, human_model
 from retarget.body.kinematics import rest_pose, world_pose
 from retarget.body.skinning import skin_motion
+from retarget.casting import cast
 from retarget.character import Skeleton
 from retarget.motion.align import with_grafts
 from retarget.motion.library import PERFORMER, embedded_motion
-from retarget.retargeting import cast, prepare
+from retarget.retargeting import prepare
 
 
 def with_feet_aside(character, keep_ankles=True):

@@ -9,6 +9,7 @@ import pytest
 
 from retarget.body.kinematics import rest_pose, world_pose
 from retarget.body.skinning import prepare_skinning, rest_vertices
+from retarget.casting import cast
 from retarget.contact.collide import prepare_collider
 from retarget.contact.parts import LIMBS, PARTS
 from retarget.evaluate.cases import in_other_rest_pose
@@ -16,7 +17,6 @@ from retarget.evaluate.reference.ray_parity import inside_by_parity
 from retarget.geometry.topology import closing_fans
 from retarget.io import load
 from retarget.motion.filter import resample
-from retarget.retargeting import cast
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "characters"
 

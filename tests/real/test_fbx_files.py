@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from retarget.body.kinematics import world_pose
+from retarget.casting import cast
 from retarget.io import load, save
-from retarget.retargeting import cast, prepare
+from retarget.retargeting import prepare
 
 ROOT = Path(__file__).resolve().parents[2]
 TAKES = {

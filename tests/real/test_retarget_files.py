@@ -8,13 +8,14 @@ import pytest
 from made_motions import actor
 
 from retarget.body.kinematics import world_pose
+from retarget.casting import cast
 from retarget.contact.ground import ground_contacts
 from retarget.contact.support import leg_length, support_limbs, support_points
 from retarget.evaluate.cases import limb_directions
 from retarget.evaluate.metrics import angle_error_degrees, foot_slide_cm
 from retarget.io import load
 from retarget.motion.filter import cut, resample
-from retarget.retargeting import cast, prepare
+from retarget.retargeting import prepare
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 SECONDS, FPS = 6.0, 30.0

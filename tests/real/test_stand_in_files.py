@@ -7,10 +7,10 @@ import pytest
 
 from retarget.body.kinematics import world_pose
 from retarget.body.skinning import prepare_skinning
+from retarget.casting import cast
 from retarget.io import load
 from retarget.motion.filter import cut
 from retarget.motion.stand_in import fit_stand_in
-from retarget.retargeting import cast
 
 FILES = (
     "cmu_daz/02_10",

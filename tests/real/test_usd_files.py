@@ -9,8 +9,9 @@ import pytest
 
 from retarget.body.kinematics import world_pose
 from retarget.body.skinning import prepare_skinning
+from retarget.casting import cast
 from retarget.io import load, save
-from retarget.retargeting import cast, prepare
+from retarget.retargeting import prepare
 
 pytest.importorskip("pxr")
 from usd_reference import posed_by_usd  # noqa: E402

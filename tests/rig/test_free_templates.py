@@ -243,7 +243,7 @@ def test_templates_that_are_none():
 
 
 def test_a_human_stands_and_one_on_all_fours_does_not():
-    from retarget.retargeting import cast
+    from retarget.casting import cast
 
     actor = cast(human())
     assert stands_like_a_human(actor.skeleton, actor.humanoid)

@@ -186,7 +186,7 @@ def test_a_handful_of_points_is_refused():
 
 
 def test_any_rigged_character_is_a_template():
-    from retarget.retargeting import cast
+    from retarget.casting import cast
     from retarget.rig.templates import character_template
 
     actor = cast(human(gender=1.0, weight=0.3, name="hero"))
@@ -198,7 +198,7 @@ def test_any_rigged_character_is_a_template():
 
 
 def test_a_template_needs_a_surface():
-    from retarget.retargeting import cast
+    from retarget.casting import cast
     from retarget.rig.templates import character_template
 
     actor = cast(human())

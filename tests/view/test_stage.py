@@ -10,6 +10,7 @@ from stage_bodies import bare_walk, belly, belly_take
 
 from retarget.body.human import textured
 from retarget.body.kinematics import rest_pose
+from retarget.casting import cast
 from retarget.character import Material, Mesh
 from retarget.contact.parts import PARTS
 from retarget.errors import RetargetError
@@ -17,7 +18,6 @@ from retarget.evaluate.report_surface import surface_track
 from retarget.evaluate.take import Take
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
-from retarget.retargeting import cast
 from retarget.view import stage
 from retarget.view.bones import bone_character, skeleton_mesh
 

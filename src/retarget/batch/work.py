@@ -17,6 +17,7 @@ from typing import Any
 
 from retarget.batch.manifest import file_hash
 from retarget.batch.plan import content_hash, stamps
+from retarget.casting import Hints, cast
 from retarget.character import Motion, Provenance
 from retarget.errors import RetargetError
 from retarget.io import DROPPING_CLIPS, check_holds, load
@@ -26,7 +27,7 @@ from retarget.io.presets import Preset, preset
 from retarget.methods import Result
 from retarget.motion.align import Actor
 from retarget.motion.filter import resample
-from retarget.retargeting import Hints, Production, cast, prepare
+from retarget.retargeting import Production, prepare
 
 PageMaker = Callable[[Path, Path, Path, Production, Motion, Result], AbstractContextManager]
 """Makes the page on a result while it is written: page, motion file, output, the pair, the clip as it was read, the result.

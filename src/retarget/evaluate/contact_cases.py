@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from retarget.body.human import PRESETS, human
+from retarget.casting import cast
 from retarget.character import Motion
 from retarget.errors import RetargetError
 from retarget.evaluate.cases import data_folder, real_files
@@ -19,7 +20,7 @@ from retarget.io import load
 from retarget.motion.align import Actor
 from retarget.motion.filter import cut, resample
 from retarget.motion.library import PERFORMER, embedded_motion, motion_names
-from retarget.retargeting import cast, prepare
+from retarget.retargeting import prepare
 
 log = logging.getLogger("retarget")
 

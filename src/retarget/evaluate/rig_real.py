@@ -20,13 +20,13 @@ from jaxtyping import Float
 
 from retarget.body.kinematics import rest_pose
 from retarget.body.skinning import rest_vertices
+from retarget.casting import NEEDED, cast
 from retarget.character import Mesh
 from retarget.errors import RetargetError
 from retarget.evaluate.cases import data_folder
 from retarget.evaluate.rig_judge import torn
 from retarget.geometry.closest import SurfaceIndex
 from retarget.io import load
-from retarget.retargeting import NEEDED, cast
 from retarget.rig.fit import HEIGHT
 from retarget.rig.rigging import Rigged
 from retarget.rig.template import MAIN

@@ -8,12 +8,12 @@ import numpy as np
 
 from retarget.body.kinematics import rest_pose, still_motion, world_pose
 from retarget.body.skinning import prepare_skinning
+from retarget.casting import cast
 from retarget.character import Character, Motion
 from retarget.contact.support import support_limbs, support_points
 from retarget.errors import FileError, MatchError
 from retarget.io import load
 from retarget.io.asset import Asset
-from retarget.retargeting import cast
 from retarget.view.picture import Row, choose_frames, skeleton_mesh
 
 

@@ -95,7 +95,7 @@ def _seconds(work: Callable[[], object]) -> float:
 
 def _cold_start_seconds(runs: int) -> float:
     """What preparing and testing one body adds to a fresh process, kernels compiled before."""
-    plain = "from retarget.body.human import human; from retarget.retargeting import cast; a = cast(human())"
+    plain = "from retarget.body.human import human; from retarget.casting import cast; a = cast(human())"
     tested = f"{plain}; from retarget.contact.collide import prepare_collider; prepare_collider(a.character, a.humanoid).pairs(a.character.mesh.vertices)"
 
     def best(code: str) -> float:

@@ -17,6 +17,7 @@ import numpy as np
 
 from retarget.body.kinematics import world_pose
 from retarget.body.skinning import prepare_skinning
+from retarget.casting import cast
 from retarget.character import Character, Motion
 from retarget.errors import RetargetError
 from retarget.evaluate.cases import REPOSITORY, real_files
@@ -30,7 +31,6 @@ from retarget.methods.copy_rotations import CopyRotations
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
 from retarget.progress import Tell, untold
-from retarget.retargeting import cast
 
 SEED = 1
 FORMATS = {

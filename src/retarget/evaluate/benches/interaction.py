@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from retarget.body.kinematics import world_pose
+from retarget.casting import cast
 from retarget.contact.collide import prepare_collider
 from retarget.evaluate import metrics
 from retarget.evaluate.benches.collision import refined
@@ -38,7 +39,6 @@ from retarget.motion.filter import resample
 from retarget.motion.library import embedded_motion
 from retarget.motion.steady import END_JOINTS
 from retarget.progress import Tell, untold
-from retarget.retargeting import cast
 
 SEED = 1
 FPS = 30.0

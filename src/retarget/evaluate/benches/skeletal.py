@@ -17,6 +17,7 @@ import numpy as np
 
 from retarget.body.human import PRESETS, human
 from retarget.body.kinematics import world_pose
+from retarget.casting import cast
 from retarget.character import Character, Motion
 from retarget.contact.ground import WIDE_RULE
 from retarget.contact.support import leg_length, support_limbs, support_points
@@ -46,7 +47,7 @@ from retarget.motion.filter import resample
 from retarget.motion.library import PERFORMER, embedded_motion, motion_names
 from retarget.motion.standing import standing_contacts
 from retarget.progress import Tell, untold
-from retarget.retargeting import cast, prepare
+from retarget.retargeting import prepare
 
 log = logging.getLogger("retarget")
 
