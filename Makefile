@@ -26,11 +26,13 @@ test: setup
 	@$(BIN)/python -m pytest -n 2
 	@$(BIN)/retarget bench contact --quick --gate
 	@$(BIN)/retarget bench interaction --quick --gate
+	@$(BIN)/retarget bench rig-transfer --quick --gate
 
 bench: setup
 	@$(BIN)/retarget bench skeletal
 	@$(BIN)/retarget bench contact
 	@$(BIN)/retarget bench interaction
+	@$(BIN)/retarget bench rig-transfer
 
 clean:
 	rm -rf $(VENV) out build *.egg-info src/*.egg-info
