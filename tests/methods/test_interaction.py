@@ -17,10 +17,10 @@ from retarget.character import Motion
 from retarget.contact.contact_file import ContactEdit, ContactEdits
 from retarget.errors import RetargetError
 from retarget.evaluate.touch import judged_body, observe, prepare_judge
-from retarget.methods.interaction.equations import FARTHEST, MOST_CONTACT, MOST_NEAR, SLACK, Linearised, Weights
 from retarget.methods.interaction.method import Interaction
 from retarget.motion.filter import cut, resample
 from retarget.motion.library import embedded_motion
+from retarget.motion.touch.equations import FARTHEST, MOST_CONTACT, MOST_NEAR, SLACK, Linearised, Weights
 from retarget.retargeting import prepare
 
 

@@ -33,11 +33,11 @@ from retarget.evaluate.keepable import keepable_tracks, search
 from retarget.evaluate.touch import SourceTouch, observe, prepare_judge
 from retarget.methods.base import Method, Retargeter
 from retarget.methods.copy_rotations import CopyRotations
-from retarget.methods.interaction.equations import Weights
 from retarget.methods.interaction.method import Interaction
 from retarget.motion.filter import resample
 from retarget.motion.library import embedded_motion
 from retarget.motion.steady import END_JOINTS
+from retarget.motion.touch.equations import Weights
 from retarget.progress import Tell, untold
 
 SEED = 1

@@ -21,11 +21,11 @@ from retarget.character import Motion
 from retarget.contact.interaction_field import FieldPlan, interaction_field, prepare_field
 from retarget.contact.sensors import SensorSkinner, place_sensors, prepare_sensor_skinning
 from retarget.methods.base import Method
-from retarget.methods.interaction.equations import PosedBody, PoseEquations, Weights
-from retarget.methods.interaction.goals import FrameGoals, GoalMaker, NearRows
 from retarget.methods.interaction.method import Interaction
 from retarget.methods.interaction.retargeter import PreparedInteraction
 from retarget.motion.align import Actor
+from retarget.motion.touch.equations import PosedBody, PoseEquations, Weights
+from retarget.motion.touch.goals import FrameGoals, GoalMaker, NearRows
 
 Array = np.ndarray
 

@@ -5,24 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from retarget.contact.carried import carry_vertices
 from retarget.contact.contact_file import ContactEdits
-from retarget.contact.detect import prepare_contacts
-from retarget.contact.near_sensors import hand_pairs
-from retarget.contact.sensors import place_sensors, prepare_sensor_skinning
-from retarget.contact.slim import arm_radius
 from retarget.errors import RetargetError
 from retarget.methods.base import Method
-from retarget.methods.interaction.equations import Weights, prepare_equations
-from retarget.methods.interaction.goals import GoalMaker
 from retarget.methods.interaction.retargeter import PreparedInteraction
-from retarget.methods.interaction.solve import prepare_solver
 from retarget.motion.align import Actor
 from retarget.motion.copy_clip import CopySettings, prepare_copier
 from retarget.motion.stand_in import fit_stand_in
-
-SPACING = 0.006
-"""Share of the performer's height between vertices that are looked at: about a centimetre."""
+from retarget.motion.touch.equations import Weights
+from retarget.motion.touch.prepare import prepare_touch
 
 
 @dataclass(frozen=True)
@@ -56,21 +47,7 @@ class Interaction(CopySettings, Method):
         edits = self.contacts or ContactEdits()
         stand_in = fit_stand_in(source) if source.character.skin is None else None
         performer = stand_in.actor if stand_in else source
-        detector = prepare_contacts(performer.character, performer.humanoid, spacing=SPACING)
-        sensors = tuple(place_sensors(actor.character, actor.humanoid) for actor in (performer, target))
-        size = target.height / performer.height
-        ground = edits.kind("ground")
-        weights = replace(self.weights, support=ground * self.weights.support)
-        equations = prepare_equations(target, weights, detector.threshold * size, sensors[1])
-        carried = carry_vertices(performer.character, performer.humanoid, target.character, target.humanoid)
-        radii = (
-            arm_radius(performer.character, performer.humanoid, detector.collider.parts),
-            arm_radius(target.character, target.humanoid, equations.collider.parts),
-        )
         may_sink = stand_in is None and self.keep_depth
-        goals = GoalMaker(
-            detector, carried, carried.backwards(), stand_in is not None, may_sink, prepare_sensor_skinning(sensors[0]), hand_pairs(*sensors), radii,
-            size, edits,
-        )  # fmt: skip
-        copier = prepare_copier(replace(self, foot_lock=self.foot_lock and ground > 0), source, target)
-        return PreparedInteraction(copier, stand_in, goals, prepare_solver(equations), self.causal, self.step_fps)
+        goals, solver = prepare_touch(performer, target, self.weights, edits, stand_in is not None, may_sink)
+        copier = prepare_copier(replace(self, foot_lock=self.foot_lock and edits.kind("ground") > 0), source, target)
+        return PreparedInteraction(copier, stand_in, goals, solver, self.causal, self.step_fps)

@@ -5,47 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from retarget.body import rotations as rot
-from retarget.body.kinematics import local_positions, world_pose
 from retarget.character import Motion, Pose
 from retarget.contact.contact_edits import without_effect
 from retarget.methods.base import Result, Retargeter
-from retarget.methods.interaction.equations import PoseEquations
-from retarget.methods.interaction.faults import FADING, has_fault, needs
-from retarget.methods.interaction.goals import ClipGoals, GoalMaker
-from retarget.methods.interaction.report import corrections, remaining
-from retarget.methods.interaction.solve import (
-    COLD,
-    FOLLOW,
-    MOST_TOGETHER,
-    ROUNDS,
-    STAYED,
-    STEADY,
-    STILL_DEEP,
-    TOGETHER,
-    Solver,
-)
 from retarget.motion.copy_clip import Copier
 from retarget.motion.stand_in import StandIn
-
-Array = np.ndarray
-
-KEY = 0.2
-"""Seconds between the frames that are solved one after the other before the clip is solved as a whole."""
-RATE = 30.0
-"""Frames a second that are solved, about; those between follow smoothly."""
-
-
-@dataclass(frozen=True, eq=False)
-class Before:
-    """What a frame leaves to the next, online."""
-
-    x: Float[Array, "unknowns"]
-    """Its correction."""
-    need: float
-    """How much it might be changed, 0 to 1."""
+from retarget.motion.touch.goals import GoalMaker
+from retarget.motion.touch.mend import (
+    Before,
+    between,
+    corrected,
+    frames_of,
+    one_frame,
+    solve_clip,
+    solve_next,
+    solved_frames,
+)
+from retarget.motion.touch.report import corrections, remaining
+from retarget.motion.touch.solve import Solver
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +49,13 @@ class PreparedInteraction(Retargeter):
         if self.causal:
             return self._causal(motion)
         copied = self.copier.clip(motion)
-        stride = max(1, round(motion.fps / RATE))
-        chosen = np.unique(np.append(np.arange(0, len(motion), stride), len(motion) - 1))
-        frames, fps = _frames(copied.motion, chosen), motion.fps / stride
+        chosen, fps = solved_frames(motion)
+        frames = frames_of(copied.motion, chosen)
         touching = None if copied.contacts is None else copied.contacts.touching[chosen]
         performed = self.stand_in.motion(motion) if self.stand_in else motion
-        performed = replace(_frames(performed, chosen), fps=fps, name=motion.name)
+        performed = replace(frames_of(performed, chosen), fps=fps, name=motion.name)
         found, goals = self.goals.clip(performed, frames, self.solver.equations, touching)
-        x = self._solve(frames, goals, fps)
+        x = solve_clip(self.solver, frames, goals, fps)
         if self.copier.settings.in_place:
             x[:, [-3, -1]] = 0.0  # across the ground the body stays where it is
         stats = copied.stats | {
@@ -91,9 +69,8 @@ class PreparedInteraction(Retargeter):
             stats["contacts_file_without_effect"] = idle
         if self.stand_in:
             stats["stand_in"] = list(self.stand_in.notes)
-        if len(chosen) < len(motion):
-            x = _between(x, chosen, len(motion))
-        return Result(self.copier.target, corrected(self.solver.equations, copied.motion, x), status, stats)
+        whole = corrected(self.solver.equations, copied.motion, between(x, chosen, len(motion)))
+        return Result(self.copier.target, whole, status, stats)
 
     def step(self, pose: Pose) -> Pose:
         """The next pose online, on top of the copied one; starts where the last frame's solution was. Needs no later
@@ -106,22 +83,13 @@ class PreparedInteraction(Retargeter):
         return result
 
     def _next(self, pose: Pose, before: Before | None, seconds: float, fps: float) -> tuple[Pose, Before]:
-        copied, equations = self.copier.step(pose), self.solver.equations
-        frame = _one(copied, self.copier.target.skeleton)
+        frame = one_frame(self.copier.step(pose), self.copier.target.skeleton)
         performed = self.stand_in.pose(pose) if self.stand_in else pose
         performer = self.stand_in.actor if self.stand_in else self.copier.source
-        found = self.goals.online(_one(performed, performer.skeleton), frame, equations, seconds, self.copier.floor)
-        offsets = local_positions(frame.skeleton, frame.translations, frame.moved)[0]
-        goals, still = found.frame(0), np.zeros(equations.size)
-        faulty = has_fault(equations, equations.pose(copied.rotations, offsets, still), goals)
-        if before is None:
-            need = float(faulty)
-            x = self.solver.follow(copied.rotations, offsets, goals.weakened(need), still, COLD, STEADY, need)
-        else:
-            change = 1.0 / max(FADING * fps, 1.0)
-            need = float(np.clip(before.need + (change if faulty else -change), 0.0, 1.0))
-            x = self.solver.follow(copied.rotations, offsets, goals.weakened(need), before.x, ROUNDS, STEADY, need)
-        return corrected(equations, frame, x[None]).pose(0), Before(x, need)
+        equations = self.solver.equations
+        found = self.goals.online(one_frame(performed, performer.skeleton), frame, equations, seconds, self.copier.floor)
+        now = solve_next(self.solver, frame, found.frame(0), before, fps)
+        return corrected(equations, frame, now.x[None]).pose(0), now
 
     def _causal(self, motion: Motion) -> Result:
         """A clip frame by frame."""
@@ -136,65 +104,3 @@ class PreparedInteraction(Retargeter):
             motion.fps, poses[0].moved, motion.name,
         )  # fmt: skip
         return Result(self.copier.target, made, stats={"scale": self.copier.plan.scale})
-
-    def _solve(self, copied: Motion, goals: ClipGoals, fps: float) -> Float[Array, "frames unknowns"]:
-        """Frames `KEY` apart one after the other, the rest between them, then all as one problem. Frames without a fault
-        are not looked at: they stay as copied."""
-        equations, count = self.solver.equations, len(copied)
-        deep = STILL_DEEP * equations.actor.height
-        offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
-        need = needs(equations, copied, offsets, goals)
-        wanted = [goals.frame(f).weakened(need[f]) for f in range(count)]
-        keys = np.unique(np.append(np.arange(0, count, max(1, round(KEY * fps))), count - 1))
-        at_keys, x = [], np.zeros(equations.size)
-        for number, frame in enumerate(keys.tolist()):
-            rounds, steady = (ROUNDS, FOLLOW) if number else (COLD, 0.0)
-            if need[frame]:
-                x = self.solver.follow(copied.rotations[frame], offsets[frame], wanted[frame], x, rounds, steady)
-            else:
-                x = np.zeros(equations.size)
-            at_keys.append(x)
-        x = np.stack([np.interp(np.arange(count), keys, column) for column in np.array(at_keys).T], axis=1)
-        found = [equations.nothing] * count
-        for turn in range(MOST_TOGETHER):
-            looked_at = [
-                f for f in np.flatnonzero(need).tolist()
-                if turn == 0 or (np.abs(x[f] - found[f].at).max() > STAYED and (turn < TOGETHER or found[f].deepest > deep))
-            ]  # fmt: skip
-            if not looked_at:
-                break
-            for f in looked_at:
-                found[f] = equations.linearise(copied.rotations[f], offsets[f], wanted[f], x[f])
-            x = self.solver.together(x, found, fps, need)
-        return x
-
-
-def corrected(equations: PoseEquations, copied: Motion, x: Float[Array, "frames unknowns"]) -> Motion:
-    """The copied motion with corrections on top."""
-    rotations, translations = copied.rotations.copy(), copied.translations.copy()
-    turning, hips = equations.levers.turning, equations.hips
-    turns = x[:, :-3].reshape(len(x), -1, 3)
-    rotations[:, turning] = rot.multiply(rot.from_rotation_vector(turns), rotations[:, turning])
-    shift = x[:, -3:]
-    if hips != 0:
-        shift = rot.rotate(rot.inverse(world_pose(copied)[0][:, copied.skeleton.parents[hips]]), shift)
-    translations[:, copied.moved.index(hips)] += shift
-    return replace(copied, rotations=rotations, translations=translations)
-
-
-def _frames(motion: Motion, chosen: Int[Array, "chosen"]) -> Motion:
-    return replace(motion, rotations=motion.rotations[chosen], translations=motion.translations[chosen])
-
-
-def _one(pose: Pose, skeleton) -> Motion:
-    """A pose as a motion of one frame."""
-    return Motion(skeleton, pose.rotations[None], pose.translations[None], RATE, pose.moved)
-
-
-def _between(x: Float[Array, "chosen unknowns"], chosen: Array, frames: int) -> Float[Array, "frames unknowns"]:
-    """The corrections of frames between those that were solved: splines."""
-    if len(chosen) < 2:
-        return np.repeat(x, frames, axis=0)
-    from scipy.interpolate import CubicSpline
-
-    return CubicSpline(chosen, x)(np.arange(frames))

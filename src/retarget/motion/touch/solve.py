@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from retarget.methods.interaction.equations import Linearised, PoseEquations
-from retarget.methods.interaction.goals import FrameGoals
+from retarget.motion.touch.equations import Linearised, PoseEquations
+from retarget.motion.touch.goals import FrameGoals
 
 Array = np.ndarray
 

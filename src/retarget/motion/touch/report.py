@@ -12,8 +12,8 @@ from retarget.body.kinematics import local_positions
 from retarget.character import Motion
 from retarget.contact.ground import intervals
 from retarget.contact.parts import PARTS
-from retarget.methods.interaction.equations import PoseEquations
-from retarget.methods.interaction.goals import ClipGoals
+from retarget.motion.touch.equations import PoseEquations
+from retarget.motion.touch.goals import ClipGoals
 
 Array = np.ndarray
 
@@ -61,7 +61,7 @@ def remaining(
     deepest: dict[tuple[str, str], tuple[float, float]] = {}
     missed: dict[tuple[str, str], tuple[float, float]] = {}
     for frame in range(0, len(copied), step):
-        body = equations.pose(copied.rotations[frame], offsets[frame], x[frame])
+        body = equations.pose(copied.rotations[frame], offsets[frame], x[frame], goals.frame(frame).surface)
         if not np.isfinite(body.vertices).all():
             return "the solution is not finite on some frames", {}
         for found, rows in ((deepest, _inside(equations, goals, frame, body)), (missed, _off(equations, goals, frame, body))):

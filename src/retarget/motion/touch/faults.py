@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from retarget.character import Motion
-from retarget.methods.interaction.equations import PosedBody, PoseEquations
-from retarget.methods.interaction.goals import ClipGoals, FrameGoals
+from retarget.motion.touch.equations import PosedBody, PoseEquations
+from retarget.motion.touch.goals import ClipGoals, FrameGoals
 
 Array = np.ndarray
 
@@ -31,10 +31,10 @@ def needs(
 ) -> Float[Array, "frames"]:
     """How much each frame may be changed: 1 where the copied pose has a fault, falling to 0 at `AROUND` from it."""
     still = np.zeros(equations.size)
-    faulty = np.array([
-        has_fault(equations, equations.pose(copied.rotations[f], offsets[f], still), goals.frame(f))
-        for f in range(len(copied))
-    ])  # fmt: skip
+    faulty = np.zeros(len(copied), dtype=bool)
+    for f in range(len(copied)):
+        own = goals.frame(f)
+        faulty[f] = has_fault(equations, equations.pose(copied.rotations[f], offsets[f], still, own.surface), own)
     faults = np.flatnonzero(faulty)
     if len(faults) == 0:
         return np.zeros(len(copied))

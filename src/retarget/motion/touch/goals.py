@@ -24,9 +24,19 @@ from retarget.contact.support import support_points
 from retarget.errors import RetargetError
 
 if TYPE_CHECKING:
-    from retarget.methods.interaction.equations import PoseEquations
+    from retarget.motion.touch.equations import PoseEquations
 
 Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSurface:
+    """The target's surface on one frame, where it is not the skin at rest that joints move."""
+
+    vertices: Float[Array, "vertices 3"]
+    """Posed, metres."""
+    binds: Float[Array, "columns 3 4"]
+    """Joint-from-world, of the joint of every column of the skin, in the pose that these vertices are in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +75,8 @@ class FrameGoals:
     """World rotations of the end effectors as copied."""
     allowed: Float[Array, "limits 3"]
     """How far limited joints may swing, twist and turn about their hinges, radians."""
+    surface: FrameSurface | None = None
+    """None for the skin at rest."""
 
     def weakened(self, share: float) -> FrameGoals:
         """The same goals with contacts and nearness at a share of their weight."""
@@ -120,6 +132,8 @@ class ClipGoals:
     resting: Float[Array, "frames points"]
     effectors: Float[Array, "frames effectors 4"]
     allowed: Float[Array, "frames limits 3"]
+    surfaces: tuple[FrameSurface, ...] | None = None
+    """One a frame; None for the skin at rest."""
 
     def frame(self, number: int) -> FrameGoals:
         """The goals of one frame."""
@@ -132,6 +146,7 @@ class ClipGoals:
             own.gap[rows], own.weight[rows], own.count[rows], self.sunk.vertex[sunk], self.sunk.depth[sunk],
             (self.near.first[near], self.near.second[near]), self.near.apart[near], self.near.closeness[near],
             self.support[number], self.resting[number], self.effectors[number], self.allowed[number],
+            None if self.surfaces is None else self.surfaces[number],
         )  # fmt: skip
 
 

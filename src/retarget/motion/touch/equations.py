@@ -21,9 +21,9 @@ from retarget.contact.collide import Collider, prepare_collider
 from retarget.contact.sensors import Sensors
 from retarget.contact.skin_levers import SkinLevers, prepare_levers
 from retarget.contact.support import SupportLimb, support_limbs
-from retarget.methods.interaction.goals import FrameGoals
 from retarget.motion.align import Actor
 from retarget.motion.limits import LimitBounds, joint_limits, stack_limits
+from retarget.motion.touch.goals import FrameGoals, FrameSurface
 
 Array = np.ndarray
 
@@ -129,20 +129,25 @@ class PoseEquations:
         return Linearised(np.zeros(self.size), np.zeros((self.size, self.size)), np.zeros(self.size), 0, 0.0)
 
     def pose(
-        self, copied: Float[Array, "joints 4"], offsets: Float[Array, "joints 3"], x: Float[Array, "unknowns"]
+        self,
+        copied: Float[Array, "joints 4"],
+        offsets: Float[Array, "joints 3"],
+        x: Float[Array, "unknowns"],
+        surface: FrameSurface | None = None,
     ) -> PosedBody:
-        """The body in its copied pose (local rotations and offsets) with `x` on top."""
+        """The body in its copied pose (local rotations and offsets) with `x` on top; a `surface` takes the place of the
+        skin at rest."""
         from retarget.contact import skin_kernels
 
         skin, skeleton = self.actor.character.skin, self.skeleton
+        binds, bound = (self.binds, self.actor.character.mesh.vertices) if surface is None else (surface.binds, surface.vertices)
         world, places = np.empty((len(skeleton), 4)), np.empty((len(skeleton), 3))
         vertices = np.empty((len(self.columns), 3))
         turns = x[:-3].reshape(-1, 3)
         skin_kernels.pose_joints(skeleton.parents, copied, offsets, self.levers.turning, turns, world, places)
         places += x[-3:]
         skin_kernels.pose_skin(
-            world, places, skin.joints, self.binds, self.columns, self.shares, self.actor.character.mesh.vertices,
-            vertices,
+            world, places, skin.joints, binds, self.columns, self.shares, bound, vertices
         )  # fmt: skip
         return PosedBody(world, places, vertices)
 
@@ -156,7 +161,7 @@ class PoseEquations:
         """The normal equations of one pose at `x`."""
         from retarget.contact import pair_kernels
 
-        body = self.pose(copied, offsets, x)
+        body = self.pose(copied, offsets, x, goals.surface)
         matrix, right = np.zeros((self.size, self.size)), np.zeros(self.size)
         places = body.places[self.levers.turning]
         self._add_contacts(body, goals, places, matrix, right)
