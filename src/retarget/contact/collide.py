@@ -219,13 +219,21 @@ def prepare_collider(character: Character, humanoid: Humanoid, parts: BodyParts 
     without a surface."""
     parts = body_parts(character, humanoid) if parts is None else parts
     rest = rest_vertices(character)
-    corners_of_mesh = parts.welded[character.mesh.faces]
+    return part_collider(rest, character.mesh.faces, parts, body_height(rest, parts, humanoid))
+
+
+def part_collider(
+    rest: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], parts: BodyParts, height: float,
+    neighbourhood: float = NEIGHBOURHOOD,
+) -> Collider:  # fmt: skip
+    """The same of a bare surface whose parts are known; lengths in metres, `neighbourhood` a share of `height`."""
+    corners_of_mesh = parts.welded[faces]
     groups = _solid_faces(parts)
     triangles, mesh_faces, starts, stops, rims = [], [], [0], [], []
     roots, lefts, firsts, counts = [], [], [], []
-    for _, faces in groups:
-        order, nodes = _boxes(rest[corners_of_mesh[faces]].mean(axis=1))
-        skin = corners_of_mesh[faces[order]]
+    for _, own in groups:
+        order, nodes = _boxes(rest[corners_of_mesh[own]].mean(axis=1))
+        skin = corners_of_mesh[own[order]]
         caps, own_rims = closing_fans(skin, len(rest) + len(rims))
         shift = starts[-1]
         roots.append(len(lefts))
@@ -233,7 +241,7 @@ def prepare_collider(character: Character, humanoid: Humanoid, parts: BodyParts 
         firsts += [first + shift for _, first, _ in nodes]
         counts += [count for _, _, count in nodes]
         triangles += [skin, caps]
-        mesh_faces += [faces[order], np.full(len(caps), -1)]
+        mesh_faces += [own[order], np.full(len(caps), -1)]
         rims += own_rims
         stops.append(shift + len(skin))
         starts.append(shift + len(skin) + len(caps))
@@ -253,7 +261,7 @@ def prepare_collider(character: Character, humanoid: Humanoid, parts: BodyParts 
         np.cumsum([0, *map(len, rims)]),
         BoxTree(*integers),
     )
-    excluded = _near_at_rest(collider, rest, corners_of_mesh, groups, humanoid)
+    excluded = _near_at_rest(collider, rest, corners_of_mesh, groups, height, neighbourhood * height)
     return _without_overlaps_at_rest(_with_exclusions(collider, excluded), rest)
 
 
@@ -288,20 +296,14 @@ def _boxes(centres: Float[Array, "faces 3"]) -> tuple[Int[Array, "faces"], list[
 
 
 def _near_at_rest(
-    collider: Collider,
-    rest: Float[Array, "vertices 3"],
-    corners: Int[Array, "faces 3"],
-    groups: Sequence[tuple[int, Array]],
-    humanoid: Humanoid,
+    collider: Collider, rest: Array, corners: Array, groups: Sequence[tuple[int, Array]], height: float, reach: float
 ) -> Bool[Array, "vertices solids"]:
-    """A vertex and its own part, and what lies near it along the skin."""
-    parts = collider.parts
-    height = body_height(rest, parts, humanoid)
+    """A vertex and its own part, and what lies within `reach` of it along the skin."""
     graph = edge_graph(rest, corners, *_bridges(collider, rest, corners, groups, BRIDGE * height))
     excluded = np.zeros((len(rest), len(groups)), dtype=bool)
     for solid, (part, faces) in enumerate(groups):
-        near = within(graph, np.unique(corners[faces]), NEIGHBOURHOOD * height)
-        excluded[:, solid] = near | (parts.vertex_parts == part)
+        near = within(graph, np.unique(corners[faces]), reach)
+        excluded[:, solid] = near | (collider.parts.vertex_parts == part)
     return excluded
 
 
