@@ -51,6 +51,9 @@ class ReferenceSettings:
     """Radians a unit of the contact energy's derivative (square metres a radian). Ours."""
     tolerance: float = 1e-3
     """Relative change of the sum of the energies from one iteration to the next at which to stop. Ours."""
+    still_for: int = 1
+    """Iterations in a row whose change must be so small. With one, as the paper has it, the rule can fire where the sum of
+    the energies merely turns."""
     most_iterations: int = 1000
     repulsion: bool = True
     attraction: bool = True
@@ -66,8 +69,9 @@ class ReferenceSettings:
         for name in ("offset", "turn_step", "tolerance"):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise RetargetError(f"{name} is a number from 0 on, received {getattr(self, name)}")
-        if self.most_iterations < 1:
-            raise RetargetError(f"most_iterations is at least 1, received {self.most_iterations}")
+        for name in ("still_for", "most_iterations"):
+            if getattr(self, name) < 1:
+                raise RetargetError(f"{name} is at least 1, received {getattr(self, name)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +88,24 @@ class ReferenceResult:
     iterations: int
     status: str
     """'converged'; 'unconverged' (the iterations ran out); 'diverged' (a part would turn by more than `MOST_TURN`, or a
-    vertex leave all measure): then the last state before."""
+    vertex leave all measure): then the state of least energy of those before."""
     seconds: float
     """Wall time of the iterations."""
     cpu_seconds: float
     contacts: SourceContacts
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Where the descent stands."""
+
+    vertices: Float[Array, "vertices 3"]
+    world: Float[Array, "parts 3 3"]
+    """Turns of the parts so far."""
+    step: Float[Array, "vertices 3"]
+    """d_s + d_v of section 5."""
+    energies: tuple[float, float, float, float]
+    """By `TERMS`; those of contact from before the last turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,52 +167,64 @@ class ShapeTransferReference:
         """The posed source in the target's shape. `iterations` asks for exactly so many, without the stopping rule; `before`
         is the result of the frame before, whose ground contacts stay in their places (section 6). Raises `RetargetError`
         for another number of vertices, or one that is not finite."""
+        if iterations is not None and iterations < 0:
+            raise RetargetError(f"iterations is a number from 0 on, received {iterations}")
         contacts = self.contacts(posed_source, floor, before)
         limit = self.settings.most_iterations if iterations is None else iterations
         wall, cpu = time.perf_counter(), time.process_time()
-        vertices = np.array(posed_source, dtype=np.float64)
-        world = np.tile(np.eye(3), (len(self.tree.names), 1, 1))
-        step, normals, shape, volume, missing = self._shape(vertices)
-        rows = [(shape, volume, *self._touch(vertices, contacts)[0])]
-        status = "unconverged"
+        state = self._start(np.array(posed_source, dtype=np.float64), contacts)
+        least, rows, status, still = (np.inf, state), [state.energies], "unconverged", 0
         for _ in range(limit):
-            moved = vertices + self.settings.offset * (step + volume_step(normals, self._volume_parts, missing))
-            if not np.abs(moved).max() < FARTHEST:
-                status = "diverged"
+            last, state = state, self._next(state, contacts)
+            if state is None:
+                state, status = least[1], "diverged"
                 break
-            touch, gradient = self._touch(moved, contacts)
-            turns = -self.settings.turn_step * self.tree.turn_gradient(moved, gradient)
-            if not np.linalg.norm(turns, axis=1).max() <= MOST_TURN:
-                status = "diverged"
-                break
-            vertices, turned = self.tree.turned(moved, turns)
-            world = turned @ world
-            step, normals, shape, volume, missing = self._shape(vertices)
-            rows.append((shape, volume, *touch))
-            before_now, now = sum(rows[-2]), sum(rows[-1])
-            if iterations is None and abs(now - before_now) <= self.settings.tolerance * max(before_now, SMALLEST):
+            rows.append(state.energies)
+            # What contact the last state had is known now, after the vertices' own small step.
+            least = min(least, (sum(last.energies[:2]) + sum(state.energies[2:]), last), key=lambda each: each[0])
+            now, then = sum(state.energies), sum(last.energies)
+            still = still + 1 if abs(now - then) <= self.settings.tolerance * max(then, SMALLEST) else 0
+            if iterations is None and still >= self.settings.still_for:
                 status = "converged"
                 break
         seconds, cpu_seconds = time.perf_counter() - wall, time.process_time() - cpu
         table = np.array(rows)
         energies = {term: table[:, column] for column, term in enumerate(TERMS)} | {"total": table.sum(axis=1)}
-        return ReferenceResult(vertices, world, energies, len(rows) - 1, status, seconds, cpu_seconds, contacts)
+        return ReferenceResult(
+            state.vertices, state.world, energies, len(rows) - 1, status, seconds, cpu_seconds, contacts
+        )
 
-    @property
-    def _volume_parts(self) -> Int[Array, "vertices"]:
-        """The volume that each vertex follows."""
-        return np.zeros_like(self.tree.vertex_parts) if self.settings.volume == "body" else self.tree.vertex_parts
+    def _start(self, vertices: Array, contacts: SourceContacts) -> _State:
+        step, shape, volume = self._steps(vertices)
+        world = np.tile(np.eye(3), (len(self.tree.names), 1, 1))
+        return _State(vertices, world, step, (shape, volume, *self._touch(vertices, contacts)[0]))
 
-    def _shape(self, vertices: Array) -> tuple[Array, Array, float, float, Array]:
-        """Shape's steps, normals, energies of shape and volume, and the volume that parts lack."""
-        step, normals = self.shape.step(vertices)
-        if self.settings.volume == "none":
-            missing = np.zeros(len(self.volumes))
-        elif self.settings.volume == "body":
-            missing = self.body_volume - part_volumes(self.body, vertices)
-        else:
-            missing = self.volumes - part_volumes(self.solids, vertices)
-        return step, normals, float((step**2).sum()), float((missing**2).sum()), missing
+    def _next(self, state: _State, contacts: SourceContacts) -> _State | None:
+        """One iteration of section 5; None where it leads out of all measure."""
+        moved = state.vertices + self.settings.offset * state.step
+        if not np.abs(moved).max() < FARTHEST:
+            return None
+        touch, gradient = self._touch(moved, contacts)
+        turns = -self.settings.turn_step * self.tree.turn_gradient(moved, gradient)
+        if not np.linalg.norm(turns, axis=1).max() <= MOST_TURN:
+            return None
+        vertices, turned = self.tree.turned(moved, turns)
+        step, shape, volume = self._steps(vertices)
+        energies = (shape, volume, *touch)
+        return _State(vertices, turned @ state.world, step, energies) if np.isfinite(energies).all() else None
+
+    def _steps(self, vertices: Array) -> tuple[Array, float, float]:
+        """Where shape and volume draw the vertices, and the energies of the two."""
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging descent: told by what comes out
+            step, normals = self.shape.step(vertices)
+            if self.settings.volume == "none":
+                return step, float((step**2).sum()), 0.0
+            whole = self.settings.volume == "body"
+            solids, wanted = (self.body, self.body_volume) if whole else (self.solids, self.volumes)
+            missing = wanted - part_volumes(solids, vertices)
+            owners = np.zeros_like(self.tree.vertex_parts) if whole else self.tree.vertex_parts
+            energies = float((step**2).sum()), float((missing**2).sum())
+            return step + volume_step(normals, owners, missing), *energies
 
     def _touch(self, vertices: Array, contacts: SourceContacts) -> tuple[tuple[float, float], Array]:
         """Repulsion and attraction, and their derivative by the vertices; nought where the settings leave them out."""
@@ -209,8 +238,8 @@ class ShapeTransferReference:
 
 
 def prepare_reference(
-    source_rest: Float[Array, "vertices 3"],
-    target_rest: Float[Array, "vertices 3"],
+    source_rest: Float[Array, "source_vertices 3"],
+    target_rest: Float[Array, "target_vertices 3"],
     faces: Int[Array, "faces 3"],
     parts: BodyParts,
     settings: ReferenceSettings | None = None,
