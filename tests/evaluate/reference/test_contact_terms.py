@@ -65,6 +65,13 @@ def test_hands_on_hips_touch_the_hips_and_soles_the_ground():
     assert len(found.held) == 0
 
 
+def test_folds_of_skin_are_no_contacts():
+    every = part_collider(REST, FACES, PARTS, float(np.ptp(REST[:, 1])), neighbourhood=0.0)
+    found = source_contacts(every, REST, on_hips(), THRESHOLD, 0.0)
+    assert len(every.pairs(on_hips(), THRESHOLD).vertex) > len(found.first) + 100 > len(contacts().first)
+    assert np.linalg.norm(REST[found.first] - REST[found.second], axis=1).min() >= FOLD * THRESHOLD
+
+
 def test_couples_are_vertices_and_the_nearest_of_the_other_part():
     found, posed = contacts(), on_hips()
     for row in range(0, len(found.first), 97):

@@ -36,6 +36,17 @@ def test_limbs_hang_as_a_human_s_do():
         ]
 
 
+def test_the_longest_seams_hold_where_parts_touch_all_round():
+    """A hip's face that counts as belly makes belly and thigh touch: the thigh still hangs on the pelvis."""
+    parts, hip = PARTS_OF_BODY.face_parts.copy(), PARTS.index("pelvis")
+    seam = np.intersect1d(FACES[parts == hip], FACES[parts == PARTS.index("leftThigh")])
+    bordering = np.flatnonzero((parts == hip) & (np.isin(FACES, seam).sum(axis=1) == 2))
+    parts[bordering[:3]] = PARTS.index("abdomen")
+    tree = part_tree(FACES, replace(PARTS_OF_BODY, face_parts=parts))
+    assert tree.names[tree.parents[tree.names.index("leftThigh")]] == "pelvis"
+    assert (tree.names, tree.parents.tolist()) == (TREE.names, TREE.parents.tolist())
+
+
 def test_joints_are_the_centroids_of_seams_close_to_those_of_the_skeleton():
     joints = dict(zip(TREE.names, TREE.joints(REST)))
     _, positions = rest_pose(BODY.skeleton)

@@ -119,8 +119,20 @@ def test_a_descent_that_runs_away_says_so_and_stays_finite():
     assert np.isfinite(wild.vertices).all() and all(np.isfinite(each).all() for each in wild.energies.values())
     start, worst = wild.energies["total"][0], wild.energies["total"].max()
     assert to_heavy().energy(wild.vertices, wild.contacts)["total"] < start < 0.5 * worst
-    exploding = ran(2000, offset=20.0, repulsion=False, attraction=False)
-    assert exploding.status == "diverged" and np.isfinite(exploding.vertices).all()
+    for terms in ({"turn_step": 0.0}, {"repulsion": False, "attraction": False}):
+        exploding = ran(2000, offset=20.0, **terms)
+        assert exploding.status == "diverged" and np.isfinite(exploding.vertices).all()
+        assert all(np.isfinite(each).all() for each in exploding.energies.values())
+
+
+def test_turns_are_what_each_part_was_turned_by():
+    """Without the vertices' own steps every part moves rigidly."""
+    rigid = ran(40, offset=0.0)
+    for part in range(len(to_heavy().tree.names)):
+        own = to_heavy().tree.vertex_parts == part
+        wanted = (POSED[own] - POSED[own].mean(axis=0)) @ rigid.turns[part].T
+        np.testing.assert_allclose(rigid.vertices[own] - rigid.vertices[own].mean(axis=0), wanted, atol=1e-9)
+    assert np.abs(rigid.turns - np.eye(3)).max() > 0.02
 
 
 def test_bad_input_is_refused():

@@ -81,7 +81,9 @@ def repulsion(
     """
     pairs = collider.pairs(vertices)
     out = vertices[pairs.vertex] - pairs.point
-    below = np.minimum(vertices[:, UP] - floor, 0.0) * collider.parts.body_vertices
+    below = np.minimum(vertices[:, UP] - floor, 0.0)
+    if below.any():
+        below = below * collider.parts.body_vertices
     gradient = np.zeros_like(vertices)
     gradient[:, UP] = 2.0 * GROUND * below
     np.add.at(gradient, pairs.vertex, 2.0 * out)

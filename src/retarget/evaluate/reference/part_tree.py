@@ -6,7 +6,9 @@ seams: the parts hang together by their longest ones, the pelvis, which holds th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -30,17 +32,12 @@ class Solids:
     """Skin and fans of all solids; vertices first and then the centres of the rims."""
     owners: Int[Array, "triangles"]
     """Solid of each triangle."""
-    rims: Int[Array, "_"]
-    """Vertices of each rim, one rim after the other."""
-    rim_starts: Int[Array, "rims"]
+    centres: Any
+    """Sparse (rims x vertices): the centroid of each rim."""
 
     def points(self, vertices: Float[Array, "vertices 3"]) -> Float[Array, "points 3"]:
         """What `corners` index."""
-        if len(self.rim_starts) == 0:
-            return vertices
-        lengths = np.diff(np.append(self.rim_starts, len(self.rims)))
-        centres = np.add.reduceat(vertices[self.rims], self.rim_starts) / lengths[:, None]
-        return np.concatenate([vertices, centres])
+        return np.concatenate([vertices, self.centres @ vertices])
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +54,14 @@ class PartTree:
     """Vertices that each part shares with its parent; all of the root's own."""
     below: Bool[Array, "parts parts"]
     """Row: a part; columns: itself and what hangs on it."""
+    means: Any
+    """Sparse (parts x vertices): the centroid of each seam."""
+    sums: Any
+    """Sparse (parts x vertices): the sum over each part's vertices."""
 
     def joints(self, vertices: Float[Array, "vertices 3"]) -> Float[Array, "parts 3"]:
         """What each part turns about: its seam's centroid, the root about its own (metres)."""
-        return np.stack([vertices[seam].mean(axis=0) for seam in self.seams])
+        return self.means @ vertices
 
     def turned(
         self, vertices: Float[Array, "vertices 3"], turns: Float[Array, "parts 3"]
@@ -80,9 +81,7 @@ class PartTree:
     ) -> Float[Array, "parts 3"]:
         """Derivative by the rotation vectors of `turned`, at no turn, of an energy whose derivative by the vertices is
         given: the moment, about each part's joint, of all that hangs on it."""
-        forces, moments = np.zeros((2, len(self.names), 3))
-        np.add.at(forces, self.vertex_parts, gradient)
-        np.add.at(moments, self.vertex_parts, np.cross(vertices, gradient))
+        forces, moments = self.sums @ gradient, self.sums @ np.cross(vertices, gradient)
         return self.below @ moments - np.cross(self.joints(vertices), self.below @ forces)
 
 
@@ -113,7 +112,9 @@ def part_tree(faces: Int[Array, "faces 3"], parts: BodyParts) -> PartTree:
         below[parents[part]] |= below[part]
     face_parts = np.where(counted, row[parts.face_parts], -1)
     names = tuple(parts.names[part] for part in order)
-    return PartTree(names, parents, vertex_parts, face_parts, tuple(seams), below)
+    members = [np.flatnonzero(vertex_parts == part) for part in range(len(order))]
+    means, sums = _rows(seams, len(vertex_parts), mean=True), _rows(members, len(vertex_parts), mean=False)
+    return PartTree(names, parents, vertex_parts, face_parts, tuple(seams), below, means, sums)
 
 
 def closed_parts(corners: Int[Array, "faces 3"], face_parts: Int[Array, "faces"], count: int, vertices: int) -> Solids:
@@ -125,10 +126,17 @@ def closed_parts(corners: Int[Array, "faces 3"], face_parts: Int[Array, "faces"]
         triangles += [skin, caps]
         owners.append(np.full(len(skin) + len(caps), part))
         rims += own_rims
-    starts = np.cumsum([0, *map(len, rims)])[:-1]
-    return Solids(
-        count, np.concatenate(triangles), np.concatenate(owners), np.concatenate([np.zeros(0, np.int64), *rims]), starts
-    )
+    return Solids(count, np.concatenate(triangles), np.concatenate(owners), _rows(rims, vertices, mean=True))
+
+
+def _rows(groups: Sequence[Int[Array, "_"]], vertices: int, mean: bool) -> Any:
+    """Sparse (groups x vertices): the sum, or the mean, over each group."""
+    from scipy.sparse import csr_matrix
+
+    lengths = np.array([len(group) for group in groups], dtype=np.int64)
+    weights = np.repeat(1.0 / np.maximum(lengths, 1) if mean else np.ones(len(lengths)), lengths)
+    columns = np.concatenate([np.zeros(0, dtype=np.int64), *groups])
+    return csr_matrix((weights, columns, np.cumsum([0, *lengths])), shape=(len(groups), vertices))
 
 
 def _hung_by_longest_seams(

@@ -85,8 +85,10 @@ def local_frames(
 
 def part_volumes(solids: Solids, vertices: Float[Array, "vertices 3"]) -> Float[Array, "parts"]:
     """Volume of each closed part, cubic metres: signed tetrahedra to the origin (section 4.2.1)."""
-    a, b, c = solids.points(vertices)[solids.corners].transpose(1, 0, 2)
-    return np.bincount(solids.owners, (a * np.cross(b, c)).sum(axis=1), solids.count) / 6.0
+    points, (i, j, k) = np.ascontiguousarray(solids.points(vertices).T), solids.corners.T
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = points[:, i], points[:, j], points[:, k]
+    tetrahedra = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    return np.bincount(solids.owners, tetrahedra, solids.count) / 6.0
 
 
 def volume_step(
