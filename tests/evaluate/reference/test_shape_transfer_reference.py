@@ -119,8 +119,8 @@ def test_a_descent_that_runs_away_says_so_and_stays_finite():
     assert np.isfinite(wild.vertices).all() and all(np.isfinite(each).all() for each in wild.energies.values())
     start, worst = wild.energies["total"][0], wild.energies["total"].max()
     assert to_heavy().energy(wild.vertices, wild.contacts)["total"] < start < 0.5 * worst
-    for terms in ({"turn_step": 0.0}, {"repulsion": False, "attraction": False}):
-        exploding = ran(2000, offset=20.0, **terms)
+    for terms in ({"offset": 3.0, "turn_step": 0.0}, {"offset": 20.0, "repulsion": False, "attraction": False}):
+        exploding = ran(2000, **terms)
         assert exploding.status == "diverged" and np.isfinite(exploding.vertices).all()
         assert all(np.isfinite(each).all() for each in exploding.energies.values())
 
@@ -147,6 +147,8 @@ def test_bad_input_is_refused():
             to_heavy().energy(bad, ran().contacts)
         with pytest.raises(RetargetError, match="target at rest"):
             prepare_reference(REST, bad, FACES, PARTS)
+    with pytest.raises(RetargetError, match="beyond all measure"):
+        to_heavy().run(POSED * 1e50)
     for count in (0, len(POSED) - 1):
         with pytest.raises(RetargetError, match=f"{len(POSED)} vertices"):
             to_heavy().run(POSED[:count])

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from retarget.contact.collide import FARTHEST, Collider, part_collider
+from retarget.contact.collide import Collider, part_collider
 from retarget.contact.parts import BodyParts
 from retarget.errors import RetargetError
 from retarget.evaluate.reference.contact_terms import (
@@ -47,6 +47,8 @@ Array = np.ndarray
 TERMS = ("shape", "volume", "repulsion", "attraction")
 MOST_TURN = 0.5
 """Radians that a part may turn in one step; a longer one is no small correction any more: the descent diverges. Ours."""
+FARTHEST_OUT = 1e40
+"""Metres; the squares of volumes up to here are finite."""
 SMALLEST = 1e-12
 """Energy that counts as none."""
 VOLUMES = ("parts", "body", "none")
@@ -213,7 +215,7 @@ class ShapeTransferReference:
     def _next(self, state: _State, contacts: SourceContacts) -> _State | None:
         """One iteration of section 5; None where it leads out of all measure."""
         moved = state.vertices + self.settings.offset * state.step
-        if not np.abs(moved).max() < FARTHEST:
+        if not np.abs(moved).max() < FARTHEST_OUT:
             return None
         touch, gradient = self._touch(moved, contacts)
         turns = -self.settings.turn_step * self.tree.turn_gradient(moved, gradient)
@@ -221,21 +223,19 @@ class ShapeTransferReference:
             return None
         vertices, turned = self.tree.turned(moved, turns)
         step, shape, volume = self._steps(vertices)
-        energies = (shape, volume, *touch)
-        return _State(vertices, turned @ state.world, step, energies) if np.isfinite(energies).all() else None
+        return _State(vertices, turned @ state.world, step, (shape, volume, *touch))
 
     def _steps(self, vertices: Array) -> tuple[Array, float, float]:
         """Where shape and volume draw the vertices, and the energies of the two."""
-        with np.errstate(over="ignore", invalid="ignore"):  # a diverging descent: told by what comes out
-            step, normals = self.shape.step(vertices)
-            if self.settings.volume == "none":
-                return step, float((step**2).sum()), 0.0
-            whole = self.settings.volume == "body"
-            solids, wanted = (self.body, self.body_volume) if whole else (self.solids, self.volumes)
-            missing = wanted - part_volumes(solids, vertices)
-            owners = np.zeros_like(self.tree.vertex_parts) if whole else self.tree.vertex_parts
-            energies = float((step**2).sum()), float((missing**2).sum())
-            return step + volume_step(normals, owners, missing), *energies
+        step, normals = self.shape.step(vertices)
+        if self.settings.volume == "none":
+            return step, float((step**2).sum()), 0.0
+        whole = self.settings.volume == "body"
+        solids, wanted = (self.body, self.body_volume) if whole else (self.solids, self.volumes)
+        missing = wanted - part_volumes(solids, vertices)
+        owners = np.zeros_like(self.tree.vertex_parts) if whole else self.tree.vertex_parts
+        energies = float((step**2).sum()), float((missing**2).sum())
+        return step + volume_step(normals, owners, missing), *energies
 
     def _touch(self, vertices: Array, contacts: SourceContacts) -> tuple[tuple[float, float], Array]:
         """Repulsion and attraction, and their derivative by the vertices; nought where the settings leave them out."""
@@ -298,6 +298,6 @@ def _surface(vertices: Array, count: int, what: str) -> Float[Array, "vertices 3
     if not np.isfinite(vertices).all():
         first = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         raise RetargetError(f"{what} is not finite, first at vertex {first}: {vertices[first]}")
-    if np.abs(vertices).max(initial=0.0) >= FARTHEST:
-        raise RetargetError(f"{what} lies beyond all measure")
+    if np.abs(vertices).max(initial=0.0) >= FARTHEST_OUT:
+        raise RetargetError(f"{what} lies beyond all measure: {np.abs(vertices).max():.3g} m from the origin")
     return vertices
