@@ -150,10 +150,14 @@ def test_pieces_keep_their_rest_offset_from_the_main_one(in_pieces):
     rest, other, faces, middle = in_pieces
     transfer = prepare_deformation_transfer(rest, other, faces)
     assert set(np.flatnonzero(transfer.piece == 0)) == set(middle)
+    near, far = other[transfer.anchors.vertices[:2]]
+    assert near[0] == pytest.approx(2.05) and far[1] == pytest.approx(3.0)
     assert np.abs(transfer.frames(rest[None])[0] - other).max() < 1e-9
     found = transfer.frames((rest @ TURN.T + SHIFT)[None])[0]
     assert np.abs(found - (other @ TURN.T + transfer.scale * SHIFT)).max() < 1e-9
-    assert np.abs(transfer.frames(1.5 * rest[None])[0] - 1.5 * other).max() < 1e-9  # offsets grow with the surface below
+    assert (
+        np.abs(transfer.frames(1.5 * rest[None])[0] - 1.5 * other).max() < 1e-9
+    )  # offsets grow with the surface below
 
 
 def test_turning_pieces_turns_the_result(in_pieces):
@@ -200,6 +204,48 @@ def test_triangles_without_area_are_counted_and_harmless():
     )  # the spares stay where they were, on patches of 5 x 5
     same = prepare_deformation_transfer(with_spares(one), with_spares(one), faces).frames(with_spares(pose)[None])[0]
     assert np.abs(same - with_spares(pose)).max() < 1e-6
+
+
+def test_a_point_that_is_one_but_for_rounding_tells_nothing():
+    one, other, faces, with_spares = flattened()
+    noise = np.random.default_rng(0).normal(scale=1e-14, size=(3, len(one) + 3, 3))
+    transfer = prepare_deformation_transfer(with_spares(one) + noise[0], with_spares(other) + noise[1], faces)
+    assert transfer.flat_source == 3
+    found = transfer.frames((with_spares(bent(one)) + noise[2])[None])[0]
+    assert np.abs(found - with_spares(found[: len(one)])).max() < 0.01
+
+
+def test_a_triangle_without_area_asks_its_own_piece():
+    one, other, faces = patch()
+    speck = one[faces[10]].mean(axis=0) + np.array(
+        [[0, 0, 0], [1e-10, 0, 0], [0, 1e-10, 0]]
+    )  # in the midst of the patch
+    second = np.concatenate([speck, speck[0] + [[9.0, 0.0, 0.0], [9.0, 1.0, 0.0]]])
+    grown = np.concatenate([speck[0] + 1e10 * (speck - speck[0]), second[3:]])  # no longer a speck on the target
+    joint = np.concatenate([faces, len(one) + np.array([[0, 1, 2], [0, 3, 4]])])
+    transfer = prepare_deformation_transfer(np.concatenate([one, second]), np.concatenate([other, grown]), joint)
+    assert transfer.flat_source == 1
+    found = transfer.frames(np.concatenate([bent(one, 0.9), (second - speck[0]) @ TURN.T])[None])[0, len(one) :]
+    assert np.abs(found - found[0] - (grown - grown[0]) @ TURN.T).max() < 1e-6
+
+
+def test_needles_are_not_the_main_piece():
+    one, other, faces = patch()
+    needle = np.array([[0.0, 0.0, 5.0], [2000.0, 0.0, 5.0], [0.0, 0.15, 5.0]])
+    both = [np.concatenate([needle, vertices]) for vertices in (one, other)]
+    transfer = prepare_deformation_transfer(*both, np.concatenate([[[0, 1, 2]], faces + 3]))
+    assert (transfer.piece[:3] == 1).all()
+    assert np.abs(transfer.frames(both[0][None])[0] - both[1]).max() < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_flat_sheet_is_turned_not_mirrored(seed):
+    one, _, faces = patch()
+    one[:, 2] = 0.0
+    other = one + [0.0, 0.0, 3.0]
+    turn = Rotation.random(random_state=seed).as_matrix()
+    found = prepare_deformation_transfer(one, other, faces).frames((one @ turn.T)[None])[0]
+    assert np.abs(found - other @ turn.T).max() < 1e-8
 
 
 def test_a_triangle_flat_on_one_body_only_is_no_fault():

@@ -38,6 +38,8 @@ its corners together, with a weight that a factor in double precision bears."""
 THIN = 1e-4
 """A source triangle whose smaller `s` is below this share of the larger does not tell how its surface is stretched across.
 The triangle nearest to it tells that in its place; along its length its own edges do."""
+LEAST = 1e-10
+"""Edges shorter than this share of the source's extent are rounding, and tell nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +115,7 @@ class DeformationTransfer:
             place = np.einsum("pc,pcx->px", hung.weights, found[hung.corners]) + shifts[0]
             away = posed[hung.vertices] - np.einsum("pc,pcx->px", hung.weights, posed[hung.corners])
             across = np.einsum("pix,pi->px", (hung.gradient @ told).reshape(-1, 3, 3), hung.offsets)
-            shifts[1:] = place + self.scale * away + across - found[hung.vertices]
+            shifts[1:] = place + self.scale * away + across  # the vertices themselves are held at nought
         return found + shifts[self.piece]
 
 
@@ -136,7 +138,9 @@ def prepare_deformation_transfer(
     count = _check(source_rest, target_rest, faces)
     faces = faces.astype(np.int64)
     area, triangles = areas(source_rest, faces), _triangles(source_rest, faces)
-    flat = triangles.s[:, 1] <= THIN * triangles.s[:, 0]
+    least = LEAST * float(np.ptp(source_rest, axis=0).max())
+    known = triangles.s > np.stack([np.full(len(faces), least), np.maximum(THIN * triangles.s[:, 0], least)], axis=1)
+    flat = ~known[:, 1]
     if flat.all():
         raise RetargetError(f"none of the source's {len(faces)} triangles has an area in its rest pose")
     piece = _pieces(faces, np.where(flat, 0.0, area), count)
@@ -147,12 +151,12 @@ def prepare_deformation_transfer(
         raise RetargetError(f"scale is {scale}; it must be a positive number")
 
     scale = float(scale)
-    gradient = _source_gradient(source_rest, faces, triangles, flat, piece)
+    gradient = _source_gradient(source_rest, faces, piece, triangles, known)
     stiffness, divergence, held_down = _target_terms(target_rest, faces)
     masses = np.bincount(faces[main].ravel(), np.repeat(area[main], 3), count)
     masses /= masses.sum()
     centre = masses @ source_rest
-    anchors = _anchors(source_rest, target_rest, faces, piece, np.flatnonzero(main & ~flat), gradient, scale)
+    anchors = _anchors(source_rest, target_rest, faces, piece, np.flatnonzero(main), gradient, scale)
     # The right-hand side sums to nought over a piece, so a weight on one vertex puts that vertex to nought and nothing else.
     held = np.concatenate([[int(masses.argmax())], anchors.vertices])
     return DeformationTransfer(
@@ -184,12 +188,12 @@ class _Triangles:
 def _source_gradient(
     rest: Float[Array, "vertices 3"],
     faces: Int[Array, "faces 3"],
-    triangles: _Triangles,
-    flat: Bool[Array, "faces"],
     piece: Int[Array, "vertices"],
+    triangles: _Triangles,
+    known: Bool[Array, "faces 2"],
 ) -> Any:
     """The sparse matrix (3·faces x vertices+faces) from vertices and `_standing` normals to the transposed deformation
-    gradients of all triangles.
+    gradients of all triangles, of which those directions are `known` that tell a gradient.
 
     `S = Ẽ E⁺ + S_b (1 - E E⁺)`, where `b` is the triangle itself, or the nearest one that is not flat.
     """
@@ -197,7 +201,7 @@ def _source_gradient(
     from scipy.spatial import cKDTree
 
     count, s, extent = len(faces), triangles.s, float(np.ptp(rest, axis=0).max())
-    known = np.stack([s[:, 0] > 1e-12 * extent, ~flat], axis=1)
+    flat = ~known[:, 1]
     inverse = np.einsum(
         "fec,fc,fxc->fex", triangles.v, np.where(known, 1 / np.where(known, s, 1.0), 0.0), triangles.u
     )  # E⁺
@@ -243,7 +247,7 @@ def _target_terms(
     )
     columns = np.broadcast_to(3 * np.arange(count)[:, None, None] + np.arange(3), (count, 3, 3))
     divergence = csr_matrix((onto.ravel(), (corners.ravel(), columns.ravel())), shape=(len(rest), 3 * count))
-    return (stiffness + stiffness.T) / 2, divergence, triangles.s[:, 1] < floor
+    return stiffness, divergence, triangles.s[:, 1] < floor
 
 
 def _anchors(
