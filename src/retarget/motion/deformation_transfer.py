@@ -2,16 +2,17 @@
 
 Sumner and Popović 2004, "Deformation transfer for triangle meshes". They seek the target's vertices whose deformation
 gradients `T` come nearest to the source's `S` in the sum of `|S - T|²` over triangles, each counting the same whatever its
-area. We keep that sum: weighing by area came 3 to 13 % nearer to the target's own skin on three bodies and three motions of
-the embedded human (.20 to .80 cm off in the paper's form), too little to leave the paper for. A triangle's gradient is fixed by its two edges and a fourth vertex that stands on it
-along the normal, at a distance of the square root of twice its area (equation 1). For the target the fourth vertices are
-unknowns of the paper's system; each occurs in one triangle only and takes up its normal's share of `S - T` entirely, so
-they can be left out and the same vertices come back:
+area. We keep that sum. (Weighing by area came 3 to 13 % nearer to the target's own skin, over three bodies and three motions
+of the embedded human, where the paper's form is .2 to .8 cm off: too little to leave the paper for.) A triangle's gradient is
+fixed by its two edges and a fourth vertex that stands on it along the normal, at a distance of the square root of twice its
+area (equation 1). For the target the fourth vertices are unknowns of the paper's system; each occurs in one triangle only and
+takes up its normal's share of `S - T` entirely, so they can be left out and the same vertices come back:
 
     minimise  Σ |(S E - Ẽ) E⁺|²      E, Ẽ: edges (3 x 2) of the target's triangle at rest and deformed
 
 With `E = U diag(s) Vᵀ` the term is `(S E - Ẽ) V diag(1/s)`. Both sides are linear in the source's vertices and its triangles'
-normals, so a frame costs one sparse product and one solve with a factor that is made once.
+normals, so a frame costs one sparse product and one solve with a factor that is made once: 1.7 to 2.5 ms at 6,883 vertices and 3.0 to
+3.8 at 12,883 on one core, after .15 to .46 s of preparation.
 
 Ours, for the paper leaves it open or does not need it: where the pieces stand (see `DeformationTransfer`), and triangles
 without area (see `FLOOR` and `THIN`).
