@@ -125,6 +125,53 @@ def test_frames_do_not_depend_on_each_other(source, target, posed):
     assert transfer.frames(posed[:0]).shape == (0, len(rest), 3)
 
 
+def split(faces):
+    """Every face with corners of its own: which vertex each is a copy of, and the faces of the copies."""
+    return faces.ravel(), np.arange(faces.size).reshape(-1, 3)
+
+
+def test_vertices_doubled_along_seams_change_nothing(source, target, posed):
+    rest, faces = source
+    whole = prepare_deformation_transfer(rest, target, faces).frames(posed)
+    shuffled = np.random.default_rng(0).permutation(len(faces))
+    torn = faces.copy()
+    torn[shuffled[:4000]] += len(rest)  # these use copies: seams all over the body
+    twice = prepare_deformation_transfer(*(np.concatenate([each, each]) for each in (rest, target)), torn)
+    assert (twice.piece == 0).all()
+    found = twice.frames(np.concatenate([posed, posed], axis=1))
+    assert np.abs(found - np.concatenate([whole, whole], axis=1)).max() < 1e-6
+
+
+def test_a_soup_of_triangles_is_a_surface_where_it_touches():
+    one, other, faces = patch()
+    copy_of, soup = split(faces)
+    transfer, pose = prepare_deformation_transfer(one[copy_of], other[copy_of], soup), bent(one)
+    assert len(transfer.first) == len(one)
+    whole = prepare_deformation_transfer(one, other, faces).frames(pose[None])[0]
+    assert np.abs(transfer.frames(pose[copy_of][None])[0] - whole[copy_of]).max() < 1e-8
+
+
+def test_what_touches_on_one_body_only_stays_two():
+    one, other, faces = patch()
+    both = np.concatenate([one, one]), np.concatenate([other, other + [9.0, 0.0, 0.0]])
+    transfer = prepare_deformation_transfer(*both, np.concatenate([faces, faces + len(one)]))
+    assert len(transfer.first) == 2 * len(one)
+    found = transfer.frames(np.concatenate([one, one])[None])[0]
+    assert np.abs(found - both[1]).max() < 1e-8
+
+
+def test_what_touches_at_rest_comes_apart_as_on_the_source():
+    one, other, faces = patch()
+    slid = one + [0.0, 0.0, 0.4]
+    both = [np.concatenate([each, each]) for each in (one, other)]
+    joint, pose = np.concatenate([faces, faces + len(one)]), np.concatenate([one, slid])
+    transfer = prepare_deformation_transfer(*both, joint, 2.0)
+    found = transfer.frames(pose[None])[0]
+    assert np.abs(found[len(one) :] - found[: len(one)] - [0.0, 0.0, 0.8]).max() < 1e-9
+    apart = prepare_deformation_transfer(*both, joint, 2.0, np.arange(len(pose)))
+    assert apart.piece.max() == 1 and transfer.piece.max() == 0
+
+
 @pytest.fixture(scope="module")
 def in_pieces():
     """A ball, a small box just beside it, another far off, and a vertex without faces; and the same with a bigger ball."""
@@ -191,9 +238,10 @@ def flattened():
     return one, other, faces, with_spares
 
 
-def test_triangles_without_area_are_counted_and_harmless():
+@pytest.mark.parametrize("welded", [None, np.arange(39)], ids=["welded", "apart"])
+def test_triangles_without_area_are_counted_and_harmless(welded):
     one, other, faces, with_spares = flattened()
-    transfer = prepare_deformation_transfer(with_spares(one), with_spares(other), faces)
+    transfer = prepare_deformation_transfer(with_spares(one), with_spares(other), faces, welded=welded)
     assert (transfer.flat_source, transfer.flat_target) == (3, 3)
     assert np.abs(transfer.frames(with_spares(one)[None])[0] - with_spares(other)).max() < 1e-8
     pose = bent(one)
@@ -202,14 +250,17 @@ def test_triangles_without_area_are_counted_and_harmless():
     assert (
         np.abs(found - with_spares(found[: len(one)])).max() < 0.01
     )  # the spares stay where they were, on patches of 5 x 5
-    same = prepare_deformation_transfer(with_spares(one), with_spares(one), faces).frames(with_spares(pose)[None])[0]
+    transfer = prepare_deformation_transfer(with_spares(one), with_spares(one), faces, welded=welded)
+    same = transfer.frames(with_spares(pose)[None])[0]
     assert np.abs(same - with_spares(pose)).max() < 1e-6
 
 
 def test_a_point_that_is_one_but_for_rounding_tells_nothing():
     one, other, faces, with_spares = flattened()
     noise = np.random.default_rng(0).normal(scale=1e-14, size=(3, len(one) + 3, 3))
-    transfer = prepare_deformation_transfer(with_spares(one) + noise[0], with_spares(other) + noise[1], faces)
+    transfer = prepare_deformation_transfer(
+        with_spares(one) + noise[0], with_spares(other) + noise[1], faces, None, np.arange(39)
+    )
     assert transfer.flat_source == 3
     found = transfer.frames((with_spares(bent(one)) + noise[2])[None])[0]
     assert np.abs(found - with_spares(found[: len(one)])).max() < 0.01
@@ -272,7 +323,8 @@ def test_triangles_of_all_sizes_at_once():
     sizes = [1e-4, 1.0, 1e4]
     count = len(one)
     both = [np.concatenate([vertices * size + 3 * size for size in sizes]) for vertices in (one, other)]
-    transfer = prepare_deformation_transfer(*both, np.concatenate([faces + count * n for n in range(3)]))
+    joint = np.concatenate([faces + count * n for n in range(3)])
+    transfer = prepare_deformation_transfer(*both, joint, welded=np.arange(3 * count))
     found = transfer.frames(np.stack([both[0], bent(both[0], 1e-3)]))
     assert np.abs(found[0] - both[1]).max() < 1e-6
     assert np.isfinite(found[1]).all()
@@ -296,6 +348,7 @@ LINE = ONE * [1.0, 0.0, 0.0]
         ((LINE, OTHER, FACES, 1.0), "none of the source's 50 triangles has an area"),
         ((ONE, 0 * OTHER, FACES, 1.0), "corners at one place"),
         ((ONE[:, [0, 2, 1]] * [1, 0, 1], OTHER, FACES), "heights along \\+Y are 0 m"),
+        ((ONE, OTHER, FACES, 1.0, np.arange(35)), "`welded` has 35 entries; the bodies have 36"),
         ((ONE, OTHER, FACES, 0.0), "scale is 0.0"),
         ((ONE, OTHER, FACES, float("nan")), "scale is nan"),
     ],

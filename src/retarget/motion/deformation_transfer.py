@@ -29,7 +29,7 @@ from jaxtyping import Bool, Float, Int
 from retarget.errors import RetargetError
 from retarget.geometry.cholesky import Factor, factor
 from retarget.geometry.closest import SurfaceIndex
-from retarget.geometry.topology import areas
+from retarget.geometry.topology import areas, weld
 
 Array = np.ndarray
 
@@ -45,7 +45,7 @@ LEAST = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Where the pieces besides the main one hang: each by the vertex that lies nearest to the main piece at the target's rest."""
+    """Where the pieces besides the main one hang: each by the unknown that lies nearest to the main piece at the target's rest."""
 
     vertices: Int[Array, "pieces"]
     corners: Int[Array, "pieces 3"]
@@ -69,17 +69,24 @@ class DeformationTransfer:
     source gives `(R, scale t)` of the target. *Another piece* does the same with respect to the place of the main piece that is
     nearest to it, with that place's deformation gradient instead of `R`. If it moves along with that place on the source, this
     is its rest offset transported by the gradient. A vertex without faces is a piece of its own.
+
+    *Vertices that are one* (files double them along the seams of texture and normals) are one unknown, or the target would come
+    apart there. Where the source moves them apart, the target does, by `scale` as much.
     """
 
     factor: Factor
     operator: Any
-    """Sparse matrix (vertices x vertices+faces) from the source's vertices and scaled normals to the right-hand side."""
+    """Sparse matrix (unknowns x vertices+faces) from the source's vertices and scaled normals to the right-hand side."""
     faces: Int[Array, "faces 3"]
-    piece: Int[Array, "vertices"]
-    """Which piece each vertex belongs to; 0 is the main one."""
-    masses: Float[Array, "vertices"]
-    """Share of each vertex in the main piece's centroid; they sum to one."""
-    levers: Float[Array, "3 vertices"]
+    unknown: Int[Array, "vertices"]
+    """Which unknown each vertex is: equal for vertices that are one."""
+    first: Int[Array, "unknowns"]
+    """The first vertex of each unknown."""
+    piece: Int[Array, "unknowns"]
+    """Which piece each unknown belongs to; 0 is the main one."""
+    masses: Float[Array, "unknowns"]
+    """Share of each in the main piece's centroid; they sum to one."""
+    levers: Float[Array, "3 unknowns"]
     """The source's rest pose about that centroid, times the masses."""
     offset: Float[Array, "3"]
     """The target's centroid at rest, less the scaled source's."""
@@ -96,7 +103,7 @@ class DeformationTransfer:
 
         Raises `RetargetError` for another number of vertices, or for a vertex that is not finite.
         """
-        count = len(self.piece)
+        count = len(self.unknown)
         if posed.ndim != 3 or posed.shape[1:] != (count, 3):
             raise RetargetError(f"posed vertices have the shape {posed.shape}; the bodies need (frames, {count}, 3)")
         found = np.empty(posed.shape, dtype=np.float64)
@@ -108,16 +115,20 @@ class DeformationTransfer:
     def _frame(self, posed: Float[Array, "vertices 3"]) -> Float[Array, "vertices 3"]:
         told = np.concatenate([posed, _standing(posed, self.faces)])
         found = self.factor.solve(self.operator @ told)
-        goal = self.scale * (self.masses @ posed) + _nearest_rotation(self.levers @ posed) @ self.offset
+        source = posed[self.first]
+        goal = self.scale * (self.masses @ source) + _nearest_rotation(self.levers @ source) @ self.offset
         shifts = np.empty((len(self.anchors.vertices) + 1, 3))
         shifts[0] = goal - self.masses @ found
         hung = self.anchors
         if len(hung.vertices):
             place = np.einsum("pc,pcx->px", hung.weights, found[hung.corners]) + shifts[0]
-            away = posed[hung.vertices] - np.einsum("pc,pcx->px", hung.weights, posed[hung.corners])
+            away = source[hung.vertices] - np.einsum("pc,pcx->px", hung.weights, source[hung.corners])
             across = np.einsum("pix,pi->px", (hung.gradient @ told).reshape(-1, 3, 3), hung.offsets)
             shifts[1:] = place + self.scale * away + across  # the vertices themselves are held at nought
-        return found + shifts[self.piece]
+        found += shifts[self.piece]
+        if len(found) == len(posed):
+            return found
+        return found[self.unknown] + self.scale * (posed - source[self.unknown])
 
 
 def prepare_deformation_transfer(
@@ -125,49 +136,59 @@ def prepare_deformation_transfer(
     target_rest: Float[Array, "target_vertices 3"],
     faces: Int[Array, "faces 3"],
     scale: float | int | None = None,
+    welded: Int[Array, "welded_vertices"] | None = None,
 ) -> DeformationTransfer:
     """Prepare the transfer between two bodies in the same rest pose (metres, +Y up) with the same faces.
 
     `scale` says by how much larger the target moves about; left out, it is the ratio of the main piece's heights.
-    Rest poses that differ come out as a difference in every frame: bring them together first.
+    `welded` names, for each vertex, the first that is one with it; left out, vertices are one that lie at the same place on both
+    bodies (`geometry.topology.weld`). Give `np.arange(vertices)` to keep all apart. Rest poses that differ come out as a difference in every frame: bring them together first.
 
     Raises `RetargetError` for bodies of different numbers of vertices, without faces or without area, for faces that name
     missing vertices, vertices that are not finite, and a `scale` that is not positive, or cannot be told since a body has
     no height.
     """
     source_rest, target_rest = source_rest.astype(np.float64), target_rest.astype(np.float64)
-    count = _check(source_rest, target_rest, faces)
+    _check(source_rest, target_rest, faces, welded)
     faces = faces.astype(np.int64)
+    if welded is None:
+        welded = weld(source_rest) * len(source_rest) + weld(target_rest)
+    _, first, unknown = np.unique(welded, return_index=True, return_inverse=True)
+    first, unknown = _in_order(first, unknown.ravel())
+    source, target, joint = source_rest[first], target_rest[first], unknown[faces]
+
     area, triangles = areas(source_rest, faces), _triangles(source_rest, faces)
     least = LEAST * float(np.ptp(source_rest, axis=0).max())
     known = triangles.s > np.stack([np.full(len(faces), least), np.maximum(THIN * triangles.s[:, 0], least)], axis=1)
     flat = ~known[:, 1]
     if flat.all():
         raise RetargetError(f"none of the source's {len(faces)} triangles has an area in its rest pose")
-    piece = _pieces(faces, np.where(flat, 0.0, area), count)
-    main = piece[faces[:, 0]] == 0
+    piece = _pieces(joint, np.where(flat, 0.0, area), len(first))
+    main = piece[joint[:, 0]] == 0
     if scale is None:
-        scale = _height_ratio(source_rest[piece == 0], target_rest[piece == 0])
+        scale = _height_ratio(source[piece == 0], target[piece == 0])
     elif not (np.isfinite(scale) and scale > 0):
         raise RetargetError(f"scale is {scale}; it must be a positive number")
 
     scale = float(scale)
-    gradient = _source_gradient(source_rest, faces, piece, triangles, known)
-    stiffness, divergence, held_down = _target_terms(target_rest, faces)
-    masses = np.bincount(faces[main].ravel(), np.repeat(area[main], 3), count)
+    gradient = _source_gradient(source_rest, faces, piece[joint[:, 0]], triangles, known)
+    stiffness, divergence, held_down = _target_terms(target, joint)
+    masses = np.bincount(joint[main].ravel(), np.repeat(area[main], 3), len(first))
     masses /= masses.sum()
-    centre = masses @ source_rest
-    anchors = _anchors(source_rest, target_rest, faces, piece, np.flatnonzero(main), gradient, scale)
+    centre = masses @ source
+    anchors = _anchors(source, target, joint, piece, np.flatnonzero(main), gradient, scale)
     # The right-hand side sums to nought over a piece, so a weight on one vertex puts that vertex to nought and nothing else.
     held = np.concatenate([[int(masses.argmax())], anchors.vertices])
     return DeformationTransfer(
-        factor=factor(stiffness + _diagonal(held, stiffness.diagonal().mean(), count)),
+        factor=factor(stiffness + _diagonal(held, stiffness.diagonal().mean(), len(first))),
         operator=(divergence @ gradient).tocsr(),
         faces=faces,
+        unknown=unknown,
+        first=first,
         piece=piece,
         masses=masses,
-        levers=(masses[:, None] * (source_rest - centre)).T,
-        offset=masses @ target_rest - scale * centre,
+        levers=(masses[:, None] * (source - centre)).T,
+        offset=masses @ target - scale * centre,
         anchors=anchors,
         scale=scale,
         flat_source=int(flat.sum()),
@@ -189,7 +210,7 @@ class _Triangles:
 def _source_gradient(
     rest: Float[Array, "vertices 3"],
     faces: Int[Array, "faces 3"],
-    piece: Int[Array, "vertices"],
+    piece: Int[Array, "faces"],
     triangles: _Triangles,
     known: Bool[Array, "faces 2"],
 ) -> Any:
@@ -211,7 +232,7 @@ def _source_gradient(
     upright = standing / np.where(flat, 1.0, (standing**2).sum(axis=1))[:, None]
 
     # Pieces are kept apart by a fourth coordinate, so that a triangle asks another piece only where its own knows nothing.
-    places = np.concatenate([rest[faces].mean(axis=1), 10 * extent * piece[faces[:, :1]]], axis=1)
+    places = np.concatenate([rest[faces].mean(axis=1), 10 * extent * piece[:, None]], axis=1)
     asked, good = np.arange(count), np.flatnonzero(~flat)
     if flat.any():
         asked[flat] = good[cKDTree(places[good]).query(places[flat])[1]]
@@ -323,6 +344,16 @@ def _pieces(faces: Int[Array, "faces 3"], area: Float[Array, "faces"], vertices:
     return rank[label]
 
 
+def _in_order(
+    first: Int[Array, "unknowns"], unknown: Int[Array, "vertices"]
+) -> tuple[Int[Array, "unknowns"], Int[Array, "vertices"]]:
+    """The unknowns renumbered in the order in which their first vertices come."""
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return first[order], rank[unknown]
+
+
 def _diagonal(where: Int[Array, "entries"], value: float, size: int) -> Any:
     from scipy.sparse import csr_matrix
 
@@ -336,8 +367,7 @@ def _height_ratio(source: Float[Array, "vertices 3"], target: Float[Array, "vert
     return heights[1] / heights[0]
 
 
-def _check(source: Array, target: Array, faces: Array) -> int:
-    """The number of vertices, where the input can be used."""
+def _check(source: Array, target: Array, faces: Array, welded: Array | None) -> None:
     if len(source) != len(target):
         raise RetargetError(
             f"the source has {len(source)} vertices, the target {len(target)}; bodies with the same faces have equally many"
@@ -349,7 +379,8 @@ def _check(source: Array, target: Array, faces: Array) -> int:
         raise RetargetError(f"a face names vertex {wrong}; there are {len(source)}, numbered from 0")
     _check_finite(source, "the source's rest pose")
     _check_finite(target, "the target's rest pose")
-    return len(source)
+    if welded is not None and len(welded) != len(source):
+        raise RetargetError(f"`welded` has {len(welded)} entries; the bodies have {len(source)} vertices")
 
 
 def _check_finite(vertices: Float[Array, "vertices 3"], what: str) -> None:
