@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -13,12 +15,17 @@ from retarget.character import Motion, Skeleton
 Array = np.ndarray
 
 
-def levels(parents: Int[Array, "joints"]) -> list[Int[Array, "level"]]:
+def levels(parents: Int[Array, "joints"]) -> tuple[Int[Array, "level"], ...]:
     """Joints grouped by their depth in the tree, root first: a group needs only the groups before it."""
+    return _levels(tuple(np.asarray(parents).tolist()))
+
+
+@lru_cache(maxsize=32)
+def _levels(parents: tuple[int, ...]) -> tuple[Int[Array, "level"], ...]:
     depth = np.zeros(len(parents), dtype=int)
     for joint, parent in enumerate(parents):
         depth[joint] = 0 if parent < 0 else depth[parent] + 1
-    return [np.flatnonzero(depth == d) for d in range(depth.max() + 1)]
+    return tuple(np.flatnonzero(depth == d) for d in range(depth.max() + 1))
 
 
 def forward(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from retarget.character import Character, Motion, Pose
+from retarget.character import Character, MeshMotion, Motion, Pose
 from retarget.errors import RetargetError
 from retarget.io import save
 from retarget.motion.align import Actor
@@ -44,6 +44,9 @@ class Result:
     """'ok', or what did not go as it should; output is finite either way."""
     stats: dict[str, Any] = field(default_factory=dict)
     """What was inferred, matched and measured."""
+    surface: MeshMotion | None = None
+    """The target's surface on every frame, in metres with +Y up, where the method makes one of its own: what `motion` and the
+    skin do not tell. None where the skin tells all."""
 
     @property
     def character(self) -> Character:

@@ -117,8 +117,9 @@ class Copier:
         """Length of the target's legs, metres."""
         return leg_length(self.target.skeleton, self.target.humanoid)
 
-    def clip(self, motion: Motion) -> CopiedClip:
-        """Copy a clip. Raises `RetargetError` for a motion of another skeleton, without frames, or faster than `FASTEST`."""
+    def clip(self, motion: Motion, turned: Float[Array, "frames targets 4"] | None = None) -> CopiedClip:
+        """Copy a clip; with `turned`, world rotations of the target's joints that are known otherwise than by copying, those
+        are kept, and path and ground contacts come from the clip. Raises `RetargetError` for a motion of another skeleton, without frames, or faster than `FASTEST`."""
         if not same_skeleton(motion.skeleton, self.source.skeleton):
             raise RetargetError("the motion belongs to another skeleton than the one that was prepared")
         if len(motion) == 0:
@@ -134,7 +135,7 @@ class Copier:
         source_floor = self.source_floor
         if contacts is not None:  # a clip that never lands keeps its own ground, unless it sinks below
             source_floor = contacts.floor if contacts.touching.any() else min(contacts.floor, source_floor)
-        world, hips = self._copy(rotations, positions, source_floor)
+        world, hips = self._copy(rotations, positions, source_floor, turned)
         sigma = self._sigma(positions, world, hips, motion.fps) if self.settings.steady else 0.0
         if sigma > 0:
             world, hips = low_pass(world, hips, sigma * motion.fps)
@@ -155,14 +156,14 @@ class Copier:
             hips = hips * [0, 1, 0] + hips[0] * [1, 0, 1]
         return CopiedClip(self._motion(world, hips, motion), stats, contacts)
 
-    def step(self, pose: Pose) -> Pose:
-        """The pose of one frame, with no look-ahead: contacts are left as they come."""
+    def step(self, pose: Pose, turned: Float[Array, "targets 4"] | None = None) -> Pose:
+        """The pose of one frame, with no look-ahead: contacts are left as they come. `turned` as in `clip`."""
         skeleton = self.source.skeleton
         if len(pose.rotations) != len(skeleton) or max(pose.moved) >= len(skeleton):
             raise RetargetError(f"the pose has {len(pose.rotations)} joints, the prepared source {len(skeleton)}")
         local = local_positions(skeleton, pose.translations[None], pose.moved)
         rotations, positions = forward(skeleton.parents, pose.rotations[None], local)
-        world, hips = self._copy(rotations, positions, self.source_floor)
+        world, hips = self._copy(rotations, positions, self.source_floor, None if turned is None else turned[None])
         if self.settings.in_place:
             self.first_step[:] = self.first_step or [hips[0]]
             hips = hips * [0, 1, 0] + self.first_step[0] * [1, 0, 1]
@@ -174,11 +175,12 @@ class Copier:
         rotations: Float[Array, "frames joints 4"],
         positions: Float[Array, "frames joints 3"],
         source_floor: float,
+        turned: Float[Array, "frames targets 4"] | None,
     ) -> tuple[Float[Array, "frames targets 4"], Float[Array, "frames 3"]]:
         """World rotations of the target, and where its hips go: the middle of the hip sockets follows the scaled path."""
         plan = self.plan
-        world = copy_rotations(plan, rotations)
-        if self.limits and ease_into_limits(self.limits, world):
+        world = copy_rotations(plan, rotations) if turned is None else turned
+        if turned is None and self.limits and ease_into_limits(self.limits, world):
             complete(plan, world)
         sockets = positions[:, plan.source_sockets].mean(axis=1) - [0, source_floor, 0]
         sockets = sockets * plan.scale

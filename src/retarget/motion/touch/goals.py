@@ -227,6 +227,9 @@ class GoalMaker:
     def _near(self, performed: Motion, busy: Float[Array, "frames 2"]) -> NearRows:
         """Sensors of hands and what is near them, as far as the hand is `busy` touching something: a hand that only passes
         by is left alone."""
+        if len(self.pairs[0]) == 0:
+            none = np.zeros(0)
+            return NearRows(np.zeros(len(performed) + 1, dtype=np.int64), *self.pairs, none, none)
         places, _ = self.sensors.pose(*world_pose(performed))
         reach, ratio = 2.0 * self.radii[0], self.girth
         side = np.char.startswith(np.array(BONES)[self.sensors.sensors.layout.bones[self.pairs[0]]], "right").astype(int)

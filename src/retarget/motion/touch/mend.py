@@ -81,12 +81,15 @@ def solve_clip(solver: Solver, copied: Motion, goals: ClipGoals, fps: float) -> 
     return x
 
 
-def solve_next(solver: Solver, copied: Motion, goals: FrameGoals, before: Before | None, fps: float) -> Before:
-    """The correction of a frame (a motion of one) that starts at, and stays near, that of the frame before."""
+def solve_next(
+    solver: Solver, copied: Motion, goals: FrameGoals, before: Before | None, fps: float, always: bool = False
+) -> Before:
+    """The correction of a frame (a motion of one) that starts at, and stays near, that of the frame before. Poses without a
+    fault are left as they are, unless `always` lets contacts pull."""
     equations = solver.equations
     rotations, offsets = copied.rotations[0], local_positions(copied.skeleton, copied.translations, copied.moved)[0]
     still = np.zeros(equations.size)
-    faulty = has_fault(equations, equations.pose(rotations, offsets, still, goals.surface), goals)
+    faulty = always or has_fault(equations, equations.pose(rotations, offsets, still, goals.surface), goals)
     if before is None:
         need, at, rounds = float(faulty), still, COLD
     else:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from retarget.contact.carried import carry_vertices
 from retarget.contact.contact_file import ContactEdits
 from retarget.contact.detect import prepare_contacts
@@ -37,6 +39,6 @@ def prepare_touch(
     )
     goals = GoalMaker(
         detector, carried, carried.backwards(), stands_in, may_sink, prepare_sensor_skinning(sensors[0]),
-        hand_pairs(*sensors), radii, size, edits,
+        hand_pairs(*sensors) if weights.near else (np.zeros(0, dtype=np.int64),) * 2, radii, size, edits,
     )  # fmt: skip
     return goals, prepare_solver(equations)

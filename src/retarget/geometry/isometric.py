@@ -1,0 +1,156 @@
+"""One body's shape in another's pose: the target's own edges, turned as the source's surface has turned.
+
+After Basset 2019, section 4.1: near-isometric change is pose, all else is shape. The paper walks every vertex to its place in
+a local frame, some hundred times, and low frequencies never arrive. Here the rotation of every vertex is read off the source
+(rest to posed), the target's edges are turned by it, and one linear system finds the vertices whose edges differ least from
+those (gradient-domain deformation, Sorkine and Alexa 2007, one local/global pass after it). Integrating the paper's rotated
+Laplacian offsets directly was 10 % off in limbs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from retarget.errors import RetargetError
+from retarget.geometry.cholesky import Factor, factor
+from retarget.geometry.topology import pieces, proper
+
+Array = np.ndarray
+
+FLATNESS = 0.5
+"""What a vertex's normal counts in its rotation, over its edges."""
+ANCHOR = 1e-8
+"""Weight of every vertex's place, over an edge's: the graph leaves one translation free. With 1e-4, the graph's lowest
+frequencies, whose eigenvalues are not much larger, came out 7 cm too short."""
+PASSES = 1
+"""Local/global passes after the first solution; more make the pose drift."""
+BRIDGES = 6
+"""Vertices of a separate piece (an eye, a shoe) that are tied to what is nearest at rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class IsometricShape:
+    """A target prepared for one source; `prepare_isometric` makes one."""
+
+    source: Float[Array, "vertices 3"]
+    target: Float[Array, "vertices 3"]
+    """Both at rest, metres, vertex for vertex."""
+    faces: Int[Array, "faces 3"]
+    normals: tuple[Float[Array, "vertices 3"], Float[Array, "vertices 3"]]
+    """Of both, at rest."""
+    starts: Int[Array, "_"]
+    """First entry of each vertex in `others`, and the end."""
+    others: Int[Array, "entries"]
+    """Neighbours along edges and bridges."""
+    donors: Int[Array, "vertices"]
+    """Whose rotation each vertex has: its own, or that of the nearest vertex that the source has too."""
+    laplacian: Factor
+    welded: Int[Array, "vertices"]
+    """The first vertex at each vertex's place at rest."""
+
+    def posed(self, source: Float[Array, "vertices 3"]) -> Float[Array, "vertices 3"]:
+        """The target in the pose of the source's `source` (metres), its centre at the origin. What is not finite in makes all
+        not finite."""
+        from retarget.geometry import turn_kernels as kernels
+
+        count = len(self.target)
+        normals, turns, mean, edges = np.empty((count, 3)), np.zeros((count, 4)), np.empty((count, 4)), np.empty((count, 3))
+        turns[:, 3] = 1.0
+        matrices = np.empty((count, 3, 3))
+        kernels.normals(source, self.faces, normals)
+        kernels.vertex_turns(
+            self.source, self.normals[0], source, normals, self.starts, self.others, FLATNESS, self.donors, turns
+        )
+        kernels.mean_turns(turns, self.starts, self.others, mean)
+        kernels.turned_edges(mean, self.target, self.starts, self.others, matrices, edges)
+        found = self._solved(edges)
+        own = np.arange(count)
+        for _ in range(PASSES):
+            kernels.normals(found, self.faces, normals)
+            kernels.vertex_turns(
+                self.target, self.normals[1], found, normals, self.starts, self.others, FLATNESS, own, turns
+            )
+            kernels.turned_edges(turns, self.target, self.starts, self.others, matrices, edges)
+            found = self._solved(edges)
+        return found[self.welded]
+
+    def _solved(self, edges: Float[Array, "vertices 3"]) -> Float[Array, "vertices 3"]:
+        """Edges sum to nothing over the graph, so the anchor at the origin moves nothing but the centre."""
+        found = self.laplacian.solve(edges)
+        return found - found.mean(axis=0)
+
+
+def prepare_isometric(
+    source: Float[Array, "vertices 3"],
+    target: Float[Array, "vertices 3"],
+    faces: Int[Array, "faces 3"],
+    welded: Int[Array, "vertices"],
+    known: Bool[Array, "vertices"] | None = None,
+) -> IsometricShape:
+    """Prepare two rest shapes (metres) with the same vertices. `welded` names the first vertex at each one's place; `known`
+    which vertices the source has at all (None: every one), the others turn with the nearest that it has.
+
+    Raises `RetargetError` for shapes of different size, that are not finite, or of which the source has nothing.
+    """
+    if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3:
+        raise RetargetError(f"the two shapes must have the same vertices, received {source.shape} and {target.shape}")
+    if not (np.isfinite(source).all() and np.isfinite(target).all()):
+        raise RetargetError("a vertex at rest lies nowhere (a coordinate is not finite)")
+    from scipy import sparse
+    from scipy.sparse.csgraph import dijkstra
+
+    from retarget.geometry import turn_kernels as kernels
+
+    faces = np.ascontiguousarray(welded[faces])
+    faces = faces[proper(faces)]
+    if len(faces) == 0:
+        raise RetargetError("the surface has no faces; a shape is carried along its edges")
+    count = len(target)
+    first = np.concatenate([faces[:, corner] for corner in (0, 1, 2)])
+    second = np.concatenate([faces[:, corner] for corner in (1, 2, 0)])
+    bridges = _bridges(target, faces)
+    first, second = np.concatenate([first, bridges[:, 0]]), np.concatenate([second, bridges[:, 1]])
+    ones = np.ones(2 * len(first))
+    graph = sparse.csr_matrix(
+        (ones, (np.concatenate([first, second]), np.concatenate([second, first]))), shape=(count, count)
+    )
+    graph.data[:] = 1.0
+    graph.sort_indices()
+    degree = np.asarray(graph.sum(axis=1)).ravel()
+    donors = np.arange(count)
+    if known is not None and not known.all():
+        sources = np.flatnonzero(known & (degree > 0))
+        if len(sources) == 0:
+            raise RetargetError("no vertex of the target has a place on the source")
+        _, _, donors = dijkstra(graph, directed=False, indices=sources, min_only=True, return_predecessors=True, unweighted=True)
+        donors = np.where(donors >= 0, donors, np.arange(count))
+    own = np.empty((2, count, 3))
+    kernels.normals(np.ascontiguousarray(source), faces, own[0])
+    kernels.normals(np.ascontiguousarray(target), faces, own[1])
+    matrix = sparse.diags_array(degree + ANCHOR) - graph
+    return IsometricShape(
+        np.ascontiguousarray(source), np.ascontiguousarray(target), faces, (own[0], own[1]), graph.indptr.astype(np.int32),
+        graph.indices.astype(np.int32), donors.astype(np.int64), factor(matrix), welded,
+    )  # fmt: skip
+
+
+def _bridges(vertices: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"]) -> Int[Array, "bridges 2"]:
+    """Edges that tie every piece to the nearest of those that are larger, so that the graph is one."""
+    from scipy.spatial import cKDTree
+
+    piece = pieces(faces, len(vertices))
+    owner = np.full(len(vertices), -1)
+    owner[faces] = piece[:, None]
+    order = np.argsort(-np.bincount(owner[owner >= 0]), kind="stable")
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    joined = np.flatnonzero(owner == order[0])
+    for number in order[1:]:
+        own = np.flatnonzero(owner == number)
+        distance, nearest = cKDTree(vertices[joined]).query(vertices[own])
+        chosen = np.argsort(distance, kind="stable")[:BRIDGES]
+        found.append(np.stack([own[chosen], joined[nearest[chosen]]], axis=1))
+        joined = np.concatenate([joined, own])
+    return np.concatenate(found)

@@ -1,0 +1,273 @@
+"""Compiled loops of `isometric`: how the surroundings of every vertex have turned, and the edges that follow. Import only
+where used."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "boundscheck": False}
+NEWTON = 40
+"""Steps towards the largest eigenvalue, at most; about five are taken."""
+
+
+@njit(**OPTIONS)
+def normals(vertices, faces, out):
+    """Unit normals of vertices, faces weighing by their area; zero where there is none."""
+    out[:] = 0.0
+    for face in range(len(faces)):
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        ax, ay, az = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
+        bx, by, bz = vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2]
+        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        for corner in (i, j, k):
+            out[corner, 0] += x
+            out[corner, 1] += y
+            out[corner, 2] += z
+    for vertex in range(len(out)):
+        length = np.sqrt(out[vertex, 0] ** 2 + out[vertex, 1] ** 2 + out[vertex, 2] ** 2)
+        if length > 0.0:
+            for axis in range(3):
+                out[vertex, axis] /= length
+
+
+@njit(**OPTIONS)
+def nearest_turn(m, q):
+    """Write into q (xyzw) the rotation R that makes trace(R^T m) largest: of vectors r turned into p, m is the sum of p r^T.
+
+    Horn 1987: the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix; the eigenvalue by Newton's steps from
+    above on the characteristic polynomial (Theobald 2005), the vector from its cofactors. q stays where m says nothing.
+    """
+    n = np.empty((4, 4))  # w first
+    n[0, 0] = m[0, 0] + m[1, 1] + m[2, 2]
+    n[0, 1], n[0, 2], n[0, 3] = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    n[1, 1], n[1, 2], n[1, 3] = m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[2, 0] + m[0, 2]
+    n[2, 2], n[2, 3] = m[1, 1] - m[0, 0] - m[2, 2], m[1, 2] + m[2, 1]
+    n[3, 3] = m[2, 2] - m[0, 0] - m[1, 1]
+    squares = 0.0
+    for i in range(3):
+        for j in range(3):
+            squares += m[i, j] * m[i, j]
+    if not squares > 1e-300:
+        return
+    for i in range(4):
+        for j in range(i):
+            n[i, j] = n[j, i]
+    determinant = (
+        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+        - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+    )
+    second, first, zeroth = -2.0 * squares, -8.0 * determinant, 0.0
+    for column in range(4):
+        zeroth += n[0, column] * _cofactor(n, 0, column)
+    value = np.sqrt(3.0 * squares)
+    for _ in range(NEWTON):
+        square = value * value
+        slope = 4.0 * square * value + 2.0 * second * value + first
+        if abs(slope) < 1e-300:
+            break
+        step = (square * square + second * square + first * value + zeroth) / slope
+        value -= step
+        if abs(step) < 1e-12 * abs(value):
+            break
+    for i in range(4):
+        n[i, i] -= value
+    best, cofactors, found = 0.0, np.empty(4), np.empty(4)
+    for row in range(4):
+        length = 0.0
+        for column in range(4):
+            cofactors[column] = _cofactor(n, row, column)
+            length += cofactors[column] ** 2
+        if length > best:
+            best = length
+            found[:] = cofactors
+        if best > 1e-4 * squares**3:  # of a well-posed turn: no other row can be much longer
+            break
+    if best > 1e-40 * squares**3:
+        scale = 1.0 / np.sqrt(best)
+        q[0], q[1], q[2], q[3] = scale * found[1], scale * found[2], scale * found[3], scale * found[0]
+
+
+@njit(**OPTIONS)
+def _cofactor(n, row, column):
+    """Signed minor of a 4 x 4 matrix."""
+    i, j, k = (row + 1) % 4, (row + 2) % 4, (row + 3) % 4
+    a, b, c = (column + 1) % 4, (column + 2) % 4, (column + 3) % 4
+    minor = (
+        n[i, a] * (n[j, b] * n[k, c] - n[j, c] * n[k, b])
+        - n[i, b] * (n[j, a] * n[k, c] - n[j, c] * n[k, a])
+        + n[i, c] * (n[j, a] * n[k, b] - n[j, b] * n[k, a])
+    )
+    return minor if (row + column) % 2 == 0 else -minor
+
+
+@njit(**OPTIONS)
+def vertex_turns(rest, rest_normals, posed, posed_normals, starts, others, flatness, donors, q):
+    """Rotations q (vertices x 4) from `rest` to `posed` of every vertex with its neighbours `others[starts[v]:starts[v + 1]]`,
+    its normal counting as `flatness` times their edges. A vertex whose `donor` is another gets that one's; a donor comes
+    from itself."""
+    m = np.empty((3, 3))
+    for vertex in range(len(rest)):
+        if donors[vertex] != vertex:
+            continue
+        m[:] = 0.0
+        size = 0.0
+        for entry in range(starts[vertex], starts[vertex + 1]):
+            other = others[entry]
+            for j in range(3):
+                r = rest[other, j] - rest[vertex, j]
+                size += r * r
+                for i in range(3):
+                    m[i, j] += (posed[other, i] - posed[vertex, i]) * r
+        size *= flatness
+        for i in range(3):
+            for j in range(3):
+                m[i, j] += size * posed_normals[vertex, i] * rest_normals[vertex, j]
+        nearest_turn(m, q[vertex])
+    for vertex in range(len(rest)):
+        if donors[vertex] != vertex:
+            q[vertex] = q[donors[vertex]]
+
+
+@njit(**OPTIONS)
+def mean_turns(q, starts, others, out):
+    """Every rotation averaged with those of its neighbours."""
+    for vertex in range(len(q)):
+        x, y, z, w = q[vertex, 0], q[vertex, 1], q[vertex, 2], q[vertex, 3]
+        for entry in range(starts[vertex], starts[vertex + 1]):
+            p = q[others[entry]]
+            along = p[0] * q[vertex, 0] + p[1] * q[vertex, 1] + p[2] * q[vertex, 2] + p[3] * q[vertex, 3]
+            sign = 1.0 if along >= 0.0 else -1.0
+            x, y, z, w = x + sign * p[0], y + sign * p[1], z + sign * p[2], w + sign * p[3]
+        scale = 1.0 / np.sqrt(x * x + y * y + z * z + w * w)
+        out[vertex, 0], out[vertex, 1], out[vertex, 2], out[vertex, 3] = scale * x, scale * y, scale * z, scale * w
+
+
+@njit(**OPTIONS)
+def turned_edges(q, rest, starts, others, matrices, out):
+    """The right-hand side of the graph's Laplacian: for every vertex, the sum of its edges (itself less the other one) at
+    `rest`, each turned by the mean of both ends' rotations. `matrices` (vertices x 3 x 3) is room to work in."""
+    for vertex in range(len(q)):
+        x, y, z, w = q[vertex, 0], q[vertex, 1], q[vertex, 2], q[vertex, 3]
+        m = matrices[vertex]
+        m[0, 0], m[0, 1], m[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
+        m[1, 0], m[1, 1], m[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
+        m[2, 0], m[2, 1], m[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+    for vertex in range(len(q)):
+        m, a, b, c = matrices[vertex], 0.0, 0.0, 0.0
+        for entry in range(starts[vertex], starts[vertex + 1]):
+            other = others[entry]
+            n = matrices[other]
+            x, y, z = rest[vertex, 0] - rest[other, 0], rest[vertex, 1] - rest[other, 1], rest[vertex, 2] - rest[other, 2]
+            a += 0.5 * ((m[0, 0] + n[0, 0]) * x + (m[0, 1] + n[0, 1]) * y + (m[0, 2] + n[0, 2]) * z)
+            b += 0.5 * ((m[1, 0] + n[1, 0]) * x + (m[1, 1] + n[1, 1]) * y + (m[1, 2] + n[1, 2]) * z)
+            c += 0.5 * ((m[2, 0] + n[2, 0]) * x + (m[2, 1] + n[2, 1]) * y + (m[2, 2] + n[2, 2]) * z)
+        out[vertex, 0], out[vertex, 1], out[vertex, 2] = a, b, c
+
+
+@njit(**OPTIONS)
+def group_turns(rest, posed, starts, members, weights, rest_centres, q, centres):
+    """Rotation and centre of groups of vertices: of group g, `members[starts[g]:starts[g + 1]]` with their weights, which
+    sum to one. A group that says nothing keeps its q."""
+    m = np.empty((3, 3))
+    for group in range(len(starts) - 1):
+        centres[group] = 0.0
+        for entry in range(starts[group], starts[group + 1]):
+            for i in range(3):
+                centres[group, i] += weights[entry] * posed[members[entry], i]
+        m[:] = 0.0
+        for entry in range(starts[group], starts[group + 1]):
+            vertex = members[entry]
+            for j in range(3):
+                r = weights[entry] * (rest[vertex, j] - rest_centres[group, j])
+                for i in range(3):
+                    m[i, j] += (posed[vertex, i] - centres[group, i]) * r
+        nearest_turn(m, q[group])
+
+
+@njit(**OPTIONS)
+def _carried(q, centre, rest_centre, place, out):
+    """Where a piece that has turned by q about its centre carries a place of its rest."""
+    x, y, z = place[0] - rest_centre[0], place[1] - rest_centre[1], place[2] - rest_centre[2]
+    a, b, c, w = q[0], q[1], q[2], q[3]
+    u, v, t = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+    out[0] = centre[0] + x + w * u + b * t - c * v
+    out[1] = centre[1] + y + w * v + c * u - a * t
+    out[2] = centre[2] + z + w * t + a * v - b * u
+
+
+@njit(**OPTIONS)
+def joint_places(parents, starts, q, centres, rest_centres, rest_places, places):
+    """Places of joints from the pieces of skin that they move: between where their own piece and their parent's carry them. A
+    joint without a piece follows its parent's; `q`, `centres` and `rest_centres` are filled in for it. Parents come first."""
+    other = np.empty(3)
+    for joint in range(len(parents)):
+        above = parents[joint]
+        told = starts[joint + 1] > starts[joint]
+        if not told and above >= 0:
+            q[joint], centres[joint], rest_centres[joint] = q[above], centres[above], rest_centres[above]
+        elif not told:
+            centres[joint], rest_centres[joint] = 0.0, 0.0
+        _carried(q[joint], centres[joint], rest_centres[joint], rest_places[joint], places[joint])
+        if told and above >= 0:
+            _carried(q[above], centres[above], rest_centres[above], rest_places[joint], other)
+            for axis in range(3):
+                places[joint, axis] = 0.5 * (places[joint, axis] + other[axis])
+
+
+@njit(**OPTIONS)
+def volume_system(
+    points, triangles, starts, rims, rim_starts, members, member_starts, normals, shares, gradient, volumes, matrix
+):  # fmt: skip
+    """Volumes of closed solids (triangles `starts[s]:starts[s + 1]` each) and, in matrix[s, k], how they change when every
+    vertex moves along its normal by `shares[vertex, k]`. Points behind the vertices close rims, as the means of
+    `rims[rim_starts[r]:rim_starts[r + 1]]`. `members` are each solid's vertices; `gradient` (points x 3, zero) is room."""
+    count = len(normals)
+    for solid in range(len(starts) - 1):
+        total = 0.0
+        for row in range(starts[solid], starts[solid + 1]):
+            for corner in range(3):
+                own, a, b = triangles[row, corner], triangles[row, (corner + 1) % 3], triangles[row, (corner + 2) % 3]
+                x = points[a, 1] * points[b, 2] - points[a, 2] * points[b, 1]
+                y = points[a, 2] * points[b, 0] - points[a, 0] * points[b, 2]
+                z = points[a, 0] * points[b, 1] - points[a, 1] * points[b, 0]
+                gradient[own, 0] += x / 6.0
+                gradient[own, 1] += y / 6.0
+                gradient[own, 2] += z / 6.0
+                if corner == 0:
+                    total += points[own, 0] * x + points[own, 1] * y + points[own, 2] * z
+        volumes[solid] = total / 6.0
+        for rim in range(len(rim_starts) - 1):
+            own, length = gradient[count + rim], rim_starts[rim + 1] - rim_starts[rim]
+            if own[0] != 0.0 or own[1] != 0.0 or own[2] != 0.0:
+                for place in range(rim_starts[rim], rim_starts[rim + 1]):
+                    for axis in range(3):
+                        gradient[rims[place], axis] += own[axis] / length
+                own[:] = 0.0
+        for place in range(member_starts[solid], member_starts[solid + 1]):
+            vertex = members[place]
+            along = 0.0
+            for axis in range(3):
+                along += gradient[vertex, axis] * normals[vertex, axis]
+                gradient[vertex, axis] = 0.0
+            for other in range(shares.shape[1]):
+                matrix[solid, other] += along * shares[vertex, other]
+
+
+def compile_kernels() -> None:
+    """Compile the kernels and keep them on disk, as `contact.collide.compile_kernels` does."""
+    places, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
+    own, q = np.empty((3, 3)), np.zeros((3, 4))
+    q[:, 3] = 1.0
+    normals(places, faces, own)
+    starts, others, donors = np.array([0, 2, 4, 6], np.int32), np.array([1, 2, 0, 2, 0, 1], np.int32), np.arange(3)
+    vertex_turns(places, own, places, own, starts, others, 0.5, donors, q)
+    mean_turns(q, starts, others, q.copy())
+    turned_edges(q, places, starts, others, np.empty((3, 3, 3)), np.empty((3, 3)))
+    group_turns(places, places, starts, others, np.full(6, 0.5), places, q, np.empty((3, 3)))
+    joint_places(np.array([-1, 0, 1]), np.array([0, 1, 2, 2]), q, np.zeros((3, 3)), np.zeros((3, 3)), places, own)
+    volume_system(
+        places, faces.astype(np.int32), np.array([0, 1]), donors[:0], np.array([0]), donors, np.array([0, 3]), own,
+        np.ones((3, 1)), np.zeros((3, 3)), np.empty(1), np.zeros((1, 1)),
+    )  # fmt: skip

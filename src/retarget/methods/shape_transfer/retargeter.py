@@ -1,0 +1,179 @@
+"""Clips and single poses through shape transfer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from retarget.body.kinematics import forward, local_positions, world_pose
+from retarget.character import MeshMotion, Motion, Pose
+from retarget.contact.contact_edits import without_effect
+from retarget.errors import RetargetError
+from retarget.methods.base import Result, Retargeter
+from retarget.methods.shape_transfer.flesh import Flesh
+from retarget.methods.shape_transfer.shape import PosedShape, ShapeCarrier
+from retarget.motion.copy_clip import Copier
+from retarget.motion.filter import gaussian
+from retarget.motion.touch.goals import FrameGoals, GoalMaker
+from retarget.motion.touch.mend import (
+    Before,
+    between,
+    corrected,
+    frames_of,
+    one_frame,
+    solve_clip,
+    solve_next,
+    solved_frames,
+)
+from retarget.motion.touch.report import corrections, remaining
+from retarget.motion.touch.solve import Solver
+
+if TYPE_CHECKING:
+    from retarget.methods.shape_transfer.method import ShapeTransfer
+
+Array = np.ndarray
+
+COLD, WARM = 2, 1
+"""Rounds in which skin gives way on the first frame, and on those after it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Last:
+    """What a frame leaves to the next, online."""
+
+    before: Before
+    given: Float[Array, "vertices 3"] | None
+    """How far its skin gave way, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedShapeTransfer(Retargeter):
+    """A matched pair of bodies."""
+
+    settings: ShapeTransfer
+    copier: Copier
+    goals: GoalMaker
+    solver: Solver
+    shape: ShapeCarrier
+    flesh: Flesh | None
+    last: list[_Last] = field(default_factory=list)
+    """What the last online frame left."""
+    steps: list[int] = field(default_factory=lambda: [0])
+    """How many online frames there were."""
+
+    def __call__(self, motion: Motion, surface: Float[Array, "frames vertices 3"] | None = None) -> Result:
+        """Retarget a clip; `surface` are the source's posed vertices (metres) where its skin is not what the motion makes of
+        it. Frames that are not finite are bridged and told. Raises `RetargetError` as `Copier.clip` does, and for a surface
+        of another size."""
+        skinner, equations = self.goals.detector.skinner, self.solver.equations
+        posed = skinner.vertices(*world_pose(motion)) if surface is None else surface
+        if posed.shape != (len(motion), len(skinner.homogeneous), 3):
+            raise RetargetError(
+                f"the surface must have {len(motion)} frames of {len(skinner.homogeneous)} vertices, received {posed.shape}"
+            )
+        shapes = [self.shape.posed(frame) for frame in posed]
+        copied = self.copier.clip(motion, np.stack([shape.turned for shape in shapes]))
+        chosen, fps = solved_frames(motion)
+        frames = frames_of(copied.motion, chosen)
+        touching = None if copied.contacts is None else copied.contacts.touching[chosen]
+        performed = replace(frames_of(motion, chosen), fps=fps, name=motion.name)
+        found, goals = self.goals.clip(performed, frames, equations, touching)
+        goals = replace(goals, surfaces=tuple(shapes[frame].surface for frame in chosen))
+        x = solve_clip(self.solver, frames, goals, fps)
+        if self.copier.settings.in_place:
+            x[:, [-3, -1]] = 0.0  # across the ground the body stays where it is
+        status, left = remaining(equations, frames, goals, x, chosen / motion.fps)
+        stats = copied.stats | {
+            "contacts_of_the_source": len(found.tracks.vertex),
+            **corrections(equations, x, chosen / motion.fps),
+            **left,
+        }
+        idle = without_effect(found, self.goals.edits.of_clip(motion.name), fps, len(chosen))
+        if idle:
+            stats["contacts_file_without_effect"] = idle
+        whole = between(x, chosen, len(motion))
+        at = np.searchsorted(chosen, np.arange(len(motion)))
+        vertices = self._surfaces(copied.motion, whole, shapes, [goals.frame(each) for each in at])
+        if self.settings.low_pass > 0:
+            vertices = gaussian(vertices, self.settings.low_pass * motion.fps)
+        made = corrected(equations, copied.motion, whole)
+        character = self.copier.target.character
+        mesh = replace(character.mesh, vertices=vertices[0].astype(np.float64))
+        stats |= self._residual(made, vertices)
+        return Result(
+            self.copier.target, made, status, stats, MeshMotion(mesh, vertices.astype(np.float32), motion.fps, motion.name)
+        )
+
+    def step(self, pose: Pose) -> Pose:
+        """The next pose online; see `step_surface`, which gives the surface too."""
+        return self.step_surface(pose)[0]
+
+    def step_surface(
+        self, pose: Pose, surface: Float[Array, "vertices 3"] | None = None
+    ) -> tuple[Pose, Float[Array, "vertices 3"]]:
+        """The next pose online and the target's vertices in it (metres), without any later frame. `surface` as in a call.
+        Raises `RetargetError` where a contacts file adds contacts, and for a pose of another skeleton."""
+        frame, shape, posed = self._shaped(pose, surface)
+        equations, seconds = self.solver.equations, self.steps[0] / self.settings.step_fps
+        source = one_frame(pose, self.copier.source.skeleton)
+        found = self.goals.online(source, frame, equations, seconds, self.copier.floor)
+        goals = replace(found.frame(0), surface=shape.surface)
+        last = self.last[0] if self.last else None
+        now = solve_next(self.solver, frame, goals, last.before if last else None, self.settings.step_fps, always=True)
+        offsets = local_positions(frame.skeleton, frame.translations, frame.moved)[0]
+        vertices, given = self._turned(frame.rotations[0], offsets, now.x, shape), None
+        if self.flesh is not None:
+            given = self._given(vertices, goals, last.given if last else None, frame)
+            vertices = vertices + given
+        self.last[:] = [_Last(now, given)]
+        self.steps[0] += 1
+        return corrected(equations, frame, now.x[None]).pose(0), vertices
+
+    def _shaped(self, pose: Pose, surface: Array | None) -> tuple[Motion, PosedShape, Array]:
+        """The copied pose as a motion of one frame, the shape in it, and the source's vertices."""
+        if surface is None:
+            skeleton = self.copier.source.skeleton
+            local = local_positions(skeleton, pose.translations[None], pose.moved)
+            world = forward(skeleton.parents, pose.rotations[None], local)
+            surface = self.goals.detector.skinner.vertices(*world)[0]
+        shape = self.shape.posed(surface)
+        return one_frame(self.copier.step(pose, shape.turned), self.copier.target.skeleton), shape, surface
+
+    def _surfaces(
+        self, copied: Motion, x: Float[Array, "frames unknowns"], shapes: list[PosedShape], goals: list[FrameGoals]
+    ) -> Float[Array, "frames vertices 3"]:
+        """The target's vertices on every frame, skin giving way as on the frame before."""
+        offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
+        vertices, given = np.empty((len(copied), len(self.solver.equations.columns), 3)), None
+        for frame in range(len(copied)):
+            vertices[frame] = self._turned(copied.rotations[frame], offsets[frame], x[frame], shapes[frame])
+            if self.flesh is not None:
+                given = self._given(vertices[frame], goals[frame], given, copied)
+                vertices[frame] += given
+        return vertices
+
+    def _turned(self, rotations: Array, offsets: Array, x: Array, shape: PosedShape) -> Float[Array, "vertices 3"]:
+        """The shape with its joints turned, parts at their volumes."""
+        vertices = self.solver.equations.pose(rotations, offsets, x, shape.surface).vertices
+        return vertices if self.shape.volumes is None else self.shape.volumes.kept(vertices)
+
+    def _given(self, vertices: Array, goals: FrameGoals, before: Array | None, copied: Motion) -> Float[Array, "vertices 3"]:
+        return self.flesh.given(vertices, goals, COLD if before is None else WARM, before, self.copier.floor)
+
+    def _residual(self, made: Motion, vertices: Float[Array, "frames vertices 3"]) -> dict[str, float]:
+        """How far the skeletal motion's own skin is from the surface, millimetres."""
+        skin = self._target_skin(made)
+        away = 1000 * np.linalg.norm(vertices - skin, axis=-1)
+        return {
+            "skin_rms_mm": round(float(np.sqrt((away**2).mean())), 3),
+            "skin_p95_mm": round(float(np.percentile(away, 95)), 3),
+            "skin_worst_mm": round(float(away.max()), 3),
+        }
+
+    def _target_skin(self, made: Motion) -> Float[Array, "frames vertices 3"]:
+        from retarget.body.skinning import skin_motion
+
+        return skin_motion(self.copier.target.character, made)
