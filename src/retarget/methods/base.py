@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
+from retarget.body.skinning import bake
 from retarget.character import Character, MeshMotion, Motion, Pose
 from retarget.errors import RetargetError
-from retarget.io import save
+from retarget.io import save, save_sequence
 from retarget.motion.align import Actor
 
 # Names of the laws of tests/laws; a method lists those that it promises.
@@ -60,9 +63,22 @@ class Result:
         motion = self.motion if graft is None else graft.back(self.motion)
         return self.target.house_from_file.inverse().motion(motion)
 
+    @property
+    def file_surface(self) -> MeshMotion:
+        """The moving surface in the unit and axes of the target's own file: the method's own, else what the skin makes of the
+        motion. Raises `RetargetError` for a target without a surface."""
+        surface = bake(self.character, self.motion) if self.surface is None else self.surface
+        back = self.target.house_from_file.inverse()
+        frames = back.points(surface.vertices.astype(np.float64))
+        return replace(surface, mesh=replace(surface.mesh, vertices=frames[0]), vertices=frames.astype(np.float32))
+
     def save(self, path: str | Path, **options: Any) -> None:
         """Write the target with this motion: a glTF target keeps all it had and gains a clip. See `io.save`."""
         save(path, self.target.original, [self.file_motion], **options)
+
+    def save_surface(self, path: str | Path) -> None:
+        """Write the moving surface without a skeleton, exact to the vertex. See `io.save_sequence` for the formats."""
+        save_sequence(path, self.file_surface)
 
 
 def save_results(path: str | Path, results: Sequence[Result], **options: Any) -> None:

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
+PATIENCE = 3
+"""Times the steps that `interaction` takes: arms on very heavy bodies are far from where they were copied to."""
 COLD, WARM = 2, 1
 """Rounds in which skin gives way on the first frame, and on those after it."""
 
@@ -82,7 +84,7 @@ class PreparedShapeTransfer(Retargeter):
         performed = replace(frames_of(motion, chosen), fps=fps, name=motion.name)
         found, goals = self.goals.clip(performed, frames, equations, touching)
         goals = replace(goals, surfaces=tuple(shapes[frame].surface for frame in chosen))
-        x = solve_clip(self.solver, frames, goals, fps)
+        x = solve_clip(self.solver, frames, goals, fps, PATIENCE)
         if self.copier.settings.in_place:
             x[:, [-3, -1]] = 0.0  # across the ground the body stays where it is
         status, left = remaining(equations, frames, goals, x, chosen / motion.fps)
@@ -122,7 +124,7 @@ class PreparedShapeTransfer(Retargeter):
         found = self.goals.online(source, frame, equations, seconds, self.copier.floor)
         goals = replace(found.frame(0), surface=shape.surface)
         last = self.last[0] if self.last else None
-        now = solve_next(self.solver, frame, goals, last.before if last else None, self.settings.step_fps, always=True)
+        now = solve_next(self.solver, frame, goals, last.before if last else None, self.settings.step_fps, True, PATIENCE)
         offsets = local_positions(frame.skeleton, frame.translations, frame.moved)[0]
         vertices, given = self._turned(frame.rotations[0], offsets, now.x, shape), None
         if self.flesh is not None:

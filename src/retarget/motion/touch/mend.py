@@ -49,8 +49,10 @@ def solved_frames(motion: Motion) -> tuple[Int[Array, "chosen"], float]:
     return np.unique(np.append(np.arange(0, len(motion), stride), len(motion) - 1)), motion.fps / stride
 
 
-def solve_clip(solver: Solver, copied: Motion, goals: ClipGoals, fps: float) -> Float[Array, "frames unknowns"]:
-    """Corrections of a copied clip. Frames `KEY` apart are solved one after the other, the rest lies between them, then all
+def solve_clip(
+    solver: Solver, copied: Motion, goals: ClipGoals, fps: float, patience: int = 1
+) -> Float[Array, "frames unknowns"]:
+    """Corrections of a copied clip, in `patience` times the usual number of steps at most. Frames `KEY` apart are solved one after the other, the rest lies between them, then all
     are solved as one problem. Frames without a fault are not looked at: they stay as copied."""
     equations, count = solver.equations, len(copied)
     deep = STILL_DEEP * equations.actor.height
@@ -60,7 +62,7 @@ def solve_clip(solver: Solver, copied: Motion, goals: ClipGoals, fps: float) -> 
     keys = np.unique(np.append(np.arange(0, count, max(1, round(KEY * fps))), count - 1))
     at_keys, x = [], np.zeros(equations.size)
     for number, frame in enumerate(keys.tolist()):
-        rounds, steady = (ROUNDS, FOLLOW) if number else (COLD, 0.0)
+        rounds, steady = (ROUNDS, FOLLOW) if number else (patience * COLD, 0.0)
         if need[frame]:
             x = solver.follow(copied.rotations[frame], offsets[frame], wanted[frame], x, rounds, steady)
         else:
@@ -68,10 +70,10 @@ def solve_clip(solver: Solver, copied: Motion, goals: ClipGoals, fps: float) -> 
         at_keys.append(x)
     x = np.stack([np.interp(np.arange(count), keys, column) for column in np.array(at_keys).T], axis=1)
     found = [equations.nothing] * count
-    for turn in range(MOST_TOGETHER):
+    for turn in range(patience * MOST_TOGETHER):
         looked_at = [
             f for f in np.flatnonzero(need).tolist()
-            if turn == 0 or (np.abs(x[f] - found[f].at).max() > STAYED and (turn < TOGETHER or found[f].deepest > deep))
+            if turn == 0 or (np.abs(x[f] - found[f].at).max() > STAYED and (turn < patience * TOGETHER or found[f].deepest > deep))
         ]  # fmt: skip
         if not looked_at:
             break
@@ -82,16 +84,16 @@ def solve_clip(solver: Solver, copied: Motion, goals: ClipGoals, fps: float) -> 
 
 
 def solve_next(
-    solver: Solver, copied: Motion, goals: FrameGoals, before: Before | None, fps: float, always: bool = False
+    solver: Solver, copied: Motion, goals: FrameGoals, before: Before | None, fps: float, always: bool = False, patience: int = 1
 ) -> Before:
     """The correction of a frame (a motion of one) that starts at, and stays near, that of the frame before. Poses without a
-    fault are left as they are, unless `always` lets contacts pull."""
+    fault are left as they are, unless `always` lets contacts pull. `patience` as in `solve_clip`, for the first frame."""
     equations = solver.equations
     rotations, offsets = copied.rotations[0], local_positions(copied.skeleton, copied.translations, copied.moved)[0]
     still = np.zeros(equations.size)
     faulty = always or has_fault(equations, equations.pose(rotations, offsets, still, goals.surface), goals)
     if before is None:
-        need, at, rounds = float(faulty), still, COLD
+        need, at, rounds = float(faulty), still, patience * COLD
     else:
         change = 1.0 / max(FADING * fps, 1.0)
         need, at, rounds = float(np.clip(before.need + (change if faulty else -change), 0.0, 1.0)), before.x, ROUNDS
