@@ -13,9 +13,10 @@ BENCHES = {
     "formats": "retarget.evaluate.benches.formats",
     "interaction": "retarget.evaluate.benches.interaction",
     "rig-transfer": "retarget.evaluate.benches.rig_transfer",
+    "shape-transfer": "retarget.evaluate.benches.shape_transfer",
     "skeletal": "retarget.evaluate.benches.skeletal",
 }
-PICTURED = ("rig-transfer",)
+PICTURED = ("rig-transfer", "shape-transfer")
 
 
 def load_bench(name: str) -> ModuleType:

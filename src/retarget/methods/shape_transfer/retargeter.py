@@ -134,6 +134,11 @@ class PreparedShapeTransfer(Retargeter):
         self.steps[0] += 1
         return corrected(equations, frame, now.x[None]).pose(0), vertices
 
+    def forget(self) -> None:
+        """Begin anew: the next frame online follows none."""
+        self.last.clear()
+        self.steps[:] = [0]
+
     def _shaped(self, pose: Pose, surface: Array | None) -> tuple[Motion, PosedShape, Array]:
         """The copied pose as a motion of one frame, the shape in it, and the source's vertices."""
         if surface is None:
