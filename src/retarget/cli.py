@@ -113,6 +113,13 @@ def run(
     foot_lock: FootLock = True,
     steady: Steady = True,
     animation_only: AnimationOnly = False,
+    surface: Annotated[
+        bool,
+        typer.Option(
+            "--surface",
+            help="Write the moving surface itself, exact to the vertex and without a skeleton: .glb (morph targets), .npz, .usd, .abc or a folder.",
+        ),
+    ] = False,
     contacts_file: ContactsFile = None,
     engine: Engine = None,
     show_report: Annotated[
@@ -143,7 +150,7 @@ def run(
         motions=tuple(inputs[:-1]), target=inputs[-1], output=output, clip=clip, all_clips=all_clips, start=start, end=end,
         fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock, "steady": steady},
         animation_only=animation_only, map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
-        contacts=contacts_file, report=show_report, page=page, engine=engine, smpl_model=smpl_model,
+        contacts=contacts_file, report=show_report, page=page, engine=engine, smpl_model=smpl_model, surface=surface,
     )  # fmt: skip
     _say(run_order(order, progress=sys.stderr.isatty() and not as_json), as_json)
 

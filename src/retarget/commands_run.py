@@ -14,14 +14,23 @@ from retarget.casting import Hints, cast
 from retarget.character import Motion, Provenance
 from retarget.commands_view import Page, Performance, check_page
 from retarget.errors import FileError, RetargetError
-from retarget.io import MOTION_SUFFIXES, ONE_CLIP, THROUGH_BLENDER, WRITTEN_SUFFIXES, check_output, load
+from retarget.io import (
+    MOTION_SUFFIXES,
+    ONE_CLIP,
+    THROUGH_BLENDER,
+    WRITTEN_SUFFIXES,
+    check_output,
+    check_sequence_output,
+    load,
+)
 from retarget.io.asset import Asset
-from retarget.io.mesh_folder import expect_no_frames
+from retarget.io.mesh_folder import holds_frames
 from retarget.io.presets import Preset, preset
 from retarget.methods import Result, save_results
-from retarget.motion.filter import cut, resample
+from retarget.motion.filter import cut, cut_surface, resample
+from retarget.performing import Performer, cast_sequence
 from retarget.progress import Tell, progress_line
-from retarget.retargeting import Production, prepare
+from retarget.retargeting import Production, prepare, prepare_performer
 
 log = logging.getLogger("retarget")
 
@@ -50,6 +59,8 @@ class Order:
     smpl_model: Path | None = None
     report: bool = False
     """Tell what was corrected."""
+    surface: bool = False
+    """Write the moving surface itself, without a skeleton."""
     page: Path | None = None
     """Where to write the page on the only result."""
     engine: str | None = None
@@ -63,7 +74,7 @@ class Order:
 def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     """Retarget every motion onto the target and write the results. Raises `RetargetError` for what cannot be done."""
     files = [file for file in _motion_files(order.motions) if not _is_target_in_folder(file, order)]
-    one_file_each = order.output.is_dir() or not order.output.suffix
+    one_file_each = not order.surface and (order.output.is_dir() or not order.output.suffix)
     outputs = _result_files(files, order) if one_file_each else [order.output] * len(files)
     _expect_possible(order, files, outputs, one_file_each)
     source_hints, target_hints = _hints(order)
@@ -75,25 +86,30 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     done, waiting, performance, page = [], [], None, None
     with progress_line(progress, len(files)) as tell:
         target = cast(order.target, target_hints, tell=lambda doing, _: tell(doing))
-        if not one_file_each:
+        if not one_file_each and not order.surface:
             check_output(order.output, target.original, order.animation_only)
         for file, output in zip(files, outputs):
             tell(f"reading {file.name}")
             asset = load(file, smpl_model=order.smpl_model if file.suffix.lower() == ".npz" else None)
             for note in asset.notes:
                 log.info("%s: %s", file, note)
-            wanted = _wanted_clips(asset, order)
+            performer = _performer(asset, order, source_hints, tell) if asset.sequence is not None else None
+            wanted = [0] if performer is not None else _wanted_clips(asset, order)
             if order.page is not None:
                 _expect_one(order.page, len(wanted), "clips")
             if not one_file_each:
                 _expect_room(order, len(waiting) + len(wanted))
             for clip in wanted:
                 tell(f"retargeting {file.stem}")
-                part = _part(file, asset.motion(clip), order)
-                motion = _at_rate(part, order)
-                production = prepare(cast(asset, source_hints, motion), target, order.method, **settings)
+                if performer is not None:
+                    motion = part = replace(performer.motion, made_from=Provenance.whole(file, performer.motion))
+                    production = prepare_performer(performer, target, order.method, **settings)
+                else:
+                    part = _part(file, asset.motion(clip), order)
+                    motion = _at_rate(part, order)
+                    production = prepare(cast(asset, source_hints, motion), target, order.method, **settings)
                 started = time.perf_counter()
-                result = production(motion, part.made_from)
+                result = production(motion, part.made_from, None if performer is None else performer.surface)
                 performance = Performance(file, output, production, part, result)
                 done.append(_report_clip(file, motion, result, production, time.perf_counter() - started))
                 waiting.append(result)
@@ -124,13 +140,37 @@ def _expect_possible(order: Order, files: list[Path], outputs: list[Path], one_f
         raise RetargetError(f"--clip {order.clip} and --all-clips contradict each other; give one of them")
     if order.smpl_model is not None and not any(file.suffix.lower() == ".npz" for file in files):
         raise RetargetError(f"--smpl-model {order.smpl_model} is for motions in .npz, and none is given")
-    if not one_file_each:
+    if order.surface:
+        _expect_surface(order, len(files))
+    elif not one_file_each:
         check_output(order.output)
         _expect_room(order, len(files))
     if order.page is not None:
         check_page(order.page, order.output if one_file_each else None)
         _expect_one(order.page, len(files), "motions")
     _expect_other_files(outputs, [*files, order.target])
+
+
+def _expect_surface(order: Order, count: int) -> None:
+    """Refuse what cannot be written as one moving surface."""
+    if count != 1 or order.all_clips:
+        raise RetargetError("--surface writes one moving surface; give one motion, and not --all-clips")
+    for given, name in ((order.page, "--report"), (order.engine, "--for"), (order.animation_only or None, "--animation-only")):
+        if given is not None:
+            raise RetargetError(f"--surface writes no skeleton, so that {name} does not apply")
+    check_sequence_output(order.output)
+
+
+def _performer(asset: Asset, order: Order, hints: Hints, tell: Tell) -> Performer:
+    """Who performs a mesh sequence. Its rate is `--fps`, which folders do not tell."""
+    if order.clip is not None:
+        raise FileError(asset.path, "holds one mesh sequence: --clip does not apply")
+    moving = asset.sequence if order.fps is None else replace(asset.sequence, fps=order.fps)
+    try:
+        moving = cut_surface(moving, order.start, order.end)
+        return cast_sequence(moving, hints, asset.convention, tell=lambda doing, _: tell(doing))
+    except RetargetError as error:
+        raise FileError(asset.path, str(error)) from None
 
 
 def _expect_other_files(outputs: list[Path], inputs: list[Path]) -> None:
@@ -176,6 +216,10 @@ def _write(
     path: Path, waiting: list[Result], order: Order, done: list[dict], performance: Performance | None, tell: Tell
 ) -> Page | None:
     """The file, and the page if one is wanted: both, or neither where one of them fails."""
+    if order.surface:
+        waiting[0].save_surface(path)
+        done[-1]["output"] = str(path)
+        return None
     root = order.preset.root if order.preset is not None and path.suffix.lower() == ".fbx" else ""
     with nullcontext(None) if order.page is None else performance.page(order.page, tell) as page:
         save_results(path, waiting, animation_only=order.animation_only, **({"root": root} if root else {}))
@@ -198,8 +242,10 @@ def _motion_files(inputs: tuple[Path, ...]) -> Iterator[Path]:
     for path in inputs:
         if path.is_dir():
             found = sorted(file for file in path.iterdir() if file.suffix.lower() in MOTION_SUFFIXES)
+            if not found and holds_frames(path):
+                yield path
+                continue
             if not found:
-                expect_no_frames(path)
                 raise FileError(path, f"the folder holds no motion ({', '.join(MOTION_SUFFIXES)})")
             yield from found
         else:

@@ -11,13 +11,18 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from retarget.casting import Hints, cast, open_asset
-from retarget.character import Character, Mesh, Motion, PointCloud, Provenance
+from retarget.character import Character, Mesh, MeshMotion, Motion, PointCloud, Provenance
 from retarget.errors import RetargetError, unknown_name
 from retarget.io.asset import Asset
 from retarget.methods import METHODS, Method, Result, Retargeter
 from retarget.motion.align import Actor, with_grafts
+from retarget.performing import Performer, cast_sequence
 
+Array = np.ndarray
 log = logging.getLogger("retarget")
 
 def choose_method(name: str = "auto", settings: Mapping[str, Any] | None = None) -> Method:
@@ -49,15 +54,27 @@ class Production:
     method: str = ""
     """Which method works, and why that one: a sentence."""
 
-    def __call__(self, motion: Motion, made_from: Provenance | None = None) -> Result:
+    def __call__(
+        self, motion: Motion, made_from: Provenance | None = None, surface: Float[Array, "frames vertices 3"] | None = None
+    ) -> Result:
         """Retarget one clip of the source, given in the source file's own unit and axes.
 
-        `made_from` says where that clip was taken from; the result's file then says it too.
+        `made_from` says where that clip was taken from; the result's file then says it too. `surface`, in metres with +Y up,
+        is how the source's vertices move, for methods that look at more than its skin tells.
         """
-        result = self.retargeter(self.source.house_from_file.motion(motion))
+        seen = {"surface": surface} if surface is not None and self.retargeter.takes_surface else {}
+        result = self.retargeter(self.source.house_from_file.motion(motion), **seen)
         result = replace(result, motion=replace(result.motion, made_from=made_from))
         notes = [f"source: {note}" for note in self.source.notes] + [f"target: {note}" for note in self.target.notes]
         return replace(result, stats=result.stats | {"notes": [*self.notes, *notes]})
+
+
+def prepare_performer(performer: Performer, target: Actor, method: str | Method = "auto", **settings: Any) -> Production:
+    """`prepare` for a mesh sequence: 'auto' is shape transfer, where the target has a surface."""
+    if method == "auto" and target.character.skin is not None:
+        made = prepare(performer.actor, target, "shape-transfer", **settings)
+        return replace(made, method="method: shape-transfer, since the source is a moving surface")
+    return prepare(performer.actor, target, method, **settings)
 
 
 def prepare(source: Actor, target: Actor, method: str | Method = "auto", **settings: Any) -> Production:
@@ -94,7 +111,7 @@ def _method_name(method: Method) -> str:
 
 
 def retarget(
-    motion: str | Path | Asset | Motion,
+    motion: str | Path | Asset | Motion | MeshMotion,
     target: str | Path | Asset | Character | Mesh | PointCloud,
     *,
     source: str | Path | Asset | Character | None = None,
@@ -106,11 +123,19 @@ def retarget(
 ) -> Result:
     """Put a motion on a body; `.save(path)` writes it.
 
-    Takes files, assets or nouns; a `Motion` or `Character` handed in is in metres with +Y up. `source` is the body that
+    Takes files, assets or nouns; a `Motion` or `Character` handed in is in metres with +Y up. A mesh sequence gets a rig first
+    (`performing.cast_sequence`). `source` is the body that
     performs the motion, where the motion's own file has none. `clip` names the animation of a file with several. Further
     keywords are settings of the method (`prepare`). The result is in metres; saving leads it back into the target file's
     own unit and axes. Raises `RetargetError` (and its kin) for input that cannot be used.
     """
+    if isinstance(motion, (str, Path)):
+        motion = open_asset(motion)
+    if isinstance(motion, MeshMotion) or (isinstance(motion, Asset) and motion.sequence is not None):
+        sequence, convention = (motion, None) if isinstance(motion, MeshMotion) else (motion.sequence, motion.convention)
+        seen = cast_sequence(sequence, source_hints, convention)
+        production = prepare_performer(seen, cast(target, target_hints), method, **settings)
+        return production(seen.motion, surface=seen.surface)
     if isinstance(motion, Motion):
         moving, performer = motion, source if source is not None else Character(motion.skeleton, name="the motion")
         made_from = None

@@ -122,6 +122,7 @@ def save_sequence(path: str | Path, motion: MeshMotion) -> None:
     The file, or folder, appears whole or not at all. Raises `FileError` for other suffixes and where it cannot be written.
     """
     path = Path(path)
+    check_sequence_output(path)
     if path.suffix.lower() in (".glb", ".gltf"):
         importlib.import_module("retarget.io.gltf_morph").save_sequence(path, motion)
     elif WRITERS.get(path.suffix.lower()) == "retarget.io.usd":
@@ -130,9 +131,15 @@ def save_sequence(path: str | Path, motion: MeshMotion) -> None:
         importlib.import_module("retarget.io.npz_sequence").save(path, motion)
     elif path.suffix.lower() == ".abc":
         importlib.import_module("retarget.io.alembic").save(path, motion)
-    elif not path.suffix:
-        importlib.import_module("retarget.io.mesh_folder").save(path, motion)
     else:
+        importlib.import_module("retarget.io.mesh_folder").save(path, motion)
+
+
+def check_sequence_output(path: str | Path) -> None:
+    """Refuse an output that could not hold a mesh sequence, before any work is done. Raises `FileError`."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix and suffix not in (".glb", ".gltf", ".npz", ".abc") and WRITERS.get(suffix) != "retarget.io.usd":
         raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, as USD or Alembic, not as {path.suffix!r}")
 
 

@@ -83,5 +83,5 @@ class Asset:
     def expect_joints(self) -> None:
         """Raises `FileError` for a mesh sequence, saying what can be done with one."""
         if self.sequence is not None:
-            cure = "`retarget info` and `picture` show it, `convert` writes it in other formats"
+            cure = "`retarget run` takes it as a motion, `info` and `picture` show it, `convert` writes it in other formats"
             raise FileError(self.path, f"holds a mesh sequence, whose surface moves without joints to follow; {cure}")

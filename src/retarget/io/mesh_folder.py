@@ -50,10 +50,15 @@ def load(path: str | Path) -> Asset:
     return Asset(path, "mesh sequence", sequence=MeshMotion(first, places, FPS, path.name), notes=(note,))
 
 
+def holds_frames(path: Path) -> bool:
+    """Whether a folder holds the frames of a mesh sequence."""
+    return any(map(_is_frame, path.iterdir()))
+
+
 def expect_no_frames(path: Path) -> None:
     """Raises `FileError` for a folder of frames where motions of joints are looked for, saying what can be done with it."""
-    if any(map(_is_frame, path.iterdir())):
-        cure = "as a mesh sequence `retarget info` and `picture` show it, `convert` writes it in other formats"
+    if holds_frames(path):
+        cure = "as a mesh sequence `retarget run` takes it, `info` and `picture` show it, `convert` writes it in other formats"
         raise FileError(path, f"the folder holds .obj or .ply files and no motion of joints; {cure}")
 
 

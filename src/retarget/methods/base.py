@@ -92,6 +92,9 @@ def save_results(path: str | Path, results: Sequence[Result], **options: Any) ->
 class Retargeter(ABC):
     """A prepared pair of bodies."""
 
+    takes_surface: ClassVar[bool] = False
+    """Whether a call takes `surface` too: the source's posed vertices on every frame, where its skin does not tell them."""
+
     @abstractmethod
     def __call__(self, motion: Motion) -> Result:
         """Retarget a clip of the source skeleton, in metres with +Y up."""

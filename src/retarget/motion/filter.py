@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from retarget.body import rotations as rot
-from retarget.character import Motion
+from retarget.character import MeshMotion, Motion
 from retarget.errors import RetargetError
 
 Array = np.ndarray
@@ -91,3 +91,14 @@ def cut(motion: Motion, start: float | None, end: float | None) -> Motion:
         begins = made_from.start + first / motion.fps
         made_from = replace(made_from, start=begins, end=begins + (len(kept) - 1) / motion.fps)
     return replace(motion, rotations=kept, translations=motion.translations[first:last], made_from=made_from)
+
+
+def cut_surface(sequence: MeshMotion, start: float | None, end: float | None) -> MeshMotion:
+    """The frames of a mesh sequence between two times in seconds. Raises `RetargetError` when nothing is left."""
+    if start is None and end is None:
+        return sequence
+    seconds = np.arange(len(sequence)) / sequence.fps
+    chosen = (seconds >= (start or 0.0) - 1e-9) & (seconds <= (np.inf if end is None else end) + 1e-9)
+    if not chosen.any():
+        raise RetargetError(f"no frame lies between {start or 0.0:g} s and {seconds[-1] if end is None else end:g} s of {seconds[-1]:g} s")
+    return replace(sequence, vertices=sequence.vertices[chosen])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -38,6 +38,8 @@ Array = np.ndarray
 
 PATIENCE = 3
 """Times the steps that `interaction` takes: arms on very heavy bodies are far from where they were copied to."""
+SOFT = 0.05
+"""Seconds of the Gaussian that dents of a clip are smoothed by."""
 COLD, WARM = 2, 1
 """Rounds in which skin gives way on the first frame, and on those after it."""
 
@@ -54,6 +56,8 @@ class _Last:
 @dataclass(frozen=True, eq=False)
 class PreparedShapeTransfer(Retargeter):
     """A matched pair of bodies."""
+
+    takes_surface: ClassVar[bool] = True
 
     settings: ShapeTransfer
     copier: Copier
@@ -152,15 +156,17 @@ class PreparedShapeTransfer(Retargeter):
     def _surfaces(
         self, copied: Motion, x: Float[Array, "frames unknowns"], shapes: list[PosedShape], goals: list[FrameGoals]
     ) -> Float[Array, "frames vertices 3"]:
-        """The target's vertices on every frame, skin giving way as on the frame before."""
+        """The target's vertices on every frame. Skin gives way as on the frame before, and smoothly over time: nearest points
+        hop from one to another, and dents with them."""
         offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
-        vertices, given = np.empty((len(copied), len(self.solver.equations.columns), 3)), None
+        vertices = np.empty((len(copied), len(self.solver.equations.columns), 3))
+        given, before = np.zeros(vertices.shape, dtype=np.float32), None
         for frame in range(len(copied)):
             vertices[frame] = self._turned(copied.rotations[frame], offsets[frame], x[frame], shapes[frame])
             if self.flesh is not None:
-                given = self._given(vertices[frame], goals[frame], given, copied)
-                vertices[frame] += given
-        return vertices
+                before = self._given(vertices[frame], goals[frame], before, copied)
+                given[frame] = before
+        return vertices + gaussian(given, SOFT * copied.fps)
 
     def _turned(self, rotations: Array, offsets: Array, x: Array, shape: PosedShape) -> Float[Array, "vertices 3"]:
         """The shape with its joints turned, parts at their volumes."""

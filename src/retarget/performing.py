@@ -1,0 +1,79 @@
+"""Who performs a mesh sequence: its surface gets a rig, and the rig the motion that explains it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from retarget.body import rotations as rot
+from retarget.casting import Hints, cast
+from retarget.character import Character, MeshMotion, Motion
+from retarget.errors import RetargetError
+from retarget.io.asset import Convention
+from retarget.motion.align import AXES, Actor
+from retarget.motion.fit import fit_motion
+from retarget.progress import Tell, untold
+
+Array = np.ndarray
+
+TRIED = 5
+"""Frames that are tried, evenly spread, until one can be rigged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Performer:
+    """A moving surface with a rig that follows it."""
+
+    actor: Actor
+    motion: Motion
+    """Of the actor, as the surface shows it."""
+    surface: Float[Array, "frames vertices 3"]
+    """The surface itself, metres, +Y up; vertices are the actor's."""
+    notes: tuple[str, ...]
+
+
+def cast_sequence(
+    sequence: MeshMotion, hints: Hints | None = None, convention: Convention | None = None, tell: Tell = untold
+) -> Performer:
+    """Rig a mesh sequence by the first of its frames that can be, and fit that rig to all of them.
+
+    Up axis and unit are the hints', else the file's, else +Y and what makes a plausible height. Frames that are not finite
+    are left to the method: the rig repeats the frame before. Raises `RetargetError` where no frame can be rigged.
+    """
+    hints = hints or Hints()
+    known = convention or Convention()
+    upright = _upright(hints.up or known.up or "+y")
+    vertices = rot.rotate(upright, sequence.vertices.astype(np.float64))
+    fine = np.flatnonzero(np.isfinite(vertices).all(axis=(1, 2)))
+    if len(fine) == 0:
+        raise RetargetError("no frame of the mesh sequence is finite")
+    rigged, frame = _rigged(sequence, vertices, fine, hints.unit or known.metres_per_unit, tell)
+    surface = vertices * rigged.unit
+    usable = fine[np.maximum(np.searchsorted(fine, np.arange(len(vertices)), side="right") - 1, 0)]
+    character: Character = replace(rigged.character, name=sequence.name or "the mesh sequence")
+    motion = fit_motion(character, surface[usable], sequence.fps, sequence.name)
+    notes = (f"rigged by frame {frame}, with confidence {rigged.confidence:.2f}", *rigged.notes)
+    actor = cast(character)
+    return Performer(replace(actor, notes=(*notes, *actor.notes)), motion, surface, notes)
+
+
+def _rigged(sequence: MeshMotion, vertices: Array, fine: Array, unit: float | None, tell: Tell):
+    from retarget.rig.rigging import rig
+
+    tried = fine[np.unique(np.linspace(0, len(fine) - 1, TRIED).round().astype(int))]
+    why: RetargetError | None = None
+    for frame in tried.tolist():
+        try:
+            return rig(replace(sequence.mesh, vertices=vertices[frame]), unit=unit, tell=tell), frame
+        except RetargetError as error:
+            why = why or error
+    raise RetargetError(f"none of {len(tried)} frames can be rigged; of the first: {why}")
+
+
+def _upright(up: str) -> Float[Array, "4"]:
+    """The turn that brings an axis to +Y."""
+    if up not in AXES:
+        raise RetargetError(f"the up axis is one of {', '.join(AXES)}, received {up!r}")
+    return rot.swing_between(AXES[up], np.array([0.0, 1.0, 0.0]))
