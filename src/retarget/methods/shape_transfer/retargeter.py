@@ -102,7 +102,7 @@ class PreparedShapeTransfer(Retargeter):
             stats["contacts_file_without_effect"] = idle
         whole = between(x, chosen, len(motion))
         at = np.searchsorted(chosen, np.arange(len(motion)))
-        vertices = self._surfaces(copied.motion, whole, shapes, [goals.frame(each) for each in at])
+        vertices = self._surfaces(copied.motion, whole, shapes, [goals.frame(each) for each in at.tolist()])
         if self.settings.low_pass > 0:
             vertices = gaussian(vertices, self.settings.low_pass * motion.fps)
         made = corrected(equations, copied.motion, whole)
