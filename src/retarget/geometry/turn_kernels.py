@@ -145,9 +145,10 @@ def mean_turns(q, starts, others, out):
 
 
 @njit(**OPTIONS)
-def turned_edges(q, rest, starts, others, matrices, out):
-    """The right-hand side of the graph's Laplacian: for every vertex, the sum of its edges (itself less the other one) at
-    `rest`, each turned by the mean of both ends' rotations. `matrices` (vertices x 3 x 3) is room to work in."""
+def turned_edges(q, shape, ratios, source, starts, others, matrices, out):
+    """The right-hand side of the graph's Laplacian: for every vertex, the sum over its edges (itself less the other one) of the
+    source's posed edge, `ratios` times as long, and of `shape`, what the target's edge has at rest beyond the source's so
+    scaled, turned by the mean of both ends' rotations. `matrices` (vertices x 3 x 3) is room to work in."""
     for vertex in range(len(q)):
         x, y, z, w = q[vertex, 0], q[vertex, 1], q[vertex, 2], q[vertex, 3]
         m = matrices[vertex]
@@ -157,12 +158,16 @@ def turned_edges(q, rest, starts, others, matrices, out):
     for vertex in range(len(q)):
         m, a, b, c = matrices[vertex], 0.0, 0.0, 0.0
         for entry in range(starts[vertex], starts[vertex + 1]):
-            other = others[entry]
+            other, ratio = others[entry], ratios[entry]
             n = matrices[other]
-            x, y, z = rest[vertex, 0] - rest[other, 0], rest[vertex, 1] - rest[other, 1], rest[vertex, 2] - rest[other, 2]
+            x, y, z = shape[entry, 0], shape[entry, 1], shape[entry, 2]
             a += 0.5 * ((m[0, 0] + n[0, 0]) * x + (m[0, 1] + n[0, 1]) * y + (m[0, 2] + n[0, 2]) * z)
             b += 0.5 * ((m[1, 0] + n[1, 0]) * x + (m[1, 1] + n[1, 1]) * y + (m[1, 2] + n[1, 2]) * z)
             c += 0.5 * ((m[2, 0] + n[2, 0]) * x + (m[2, 1] + n[2, 1]) * y + (m[2, 2] + n[2, 2]) * z)
+            if ratio > 0.0:
+                a += ratio * (source[vertex, 0] - source[other, 0])
+                b += ratio * (source[vertex, 1] - source[other, 1])
+                c += ratio * (source[vertex, 2] - source[other, 2])
         out[vertex, 0], out[vertex, 1], out[vertex, 2] = a, b, c
 
 
@@ -195,6 +200,41 @@ def _carried(q, centre, rest_centre, place, out):
     out[0] = centre[0] + x + w * u + b * t - c * v
     out[1] = centre[1] + y + w * v + c * u - a * t
     out[2] = centre[2] + z + w * t + a * v - b * u
+
+
+@njit(**OPTIONS)
+def skin_turns(rest, posed, starts, members, weights, totals, rest_centres, rounds, q, centres, told):
+    """Improve rotations and centres of the joints of a skin: those whose linear blend comes nearest to the posed vertices. Each
+    joint in turn is fitted to what the others leave over, `rounds` times. `weights` are the skin's, `totals` the sums of their
+    squares a joint, `rest_centres` means weighted by these; `told` (vertices x 3) is room for the blend."""
+    m, own, sums = np.empty((3, 3)), np.empty(3), np.empty(3)
+    told[:] = 0.0
+    for joint in range(len(starts) - 1):
+        for entry in range(starts[joint], starts[joint + 1]):
+            _carried(q[joint], centres[joint], rest_centres[joint], rest[members[entry]], own)
+            for axis in range(3):
+                told[members[entry], axis] += weights[entry] * own[axis]
+    for _ in range(rounds):
+        for joint in range(len(starts) - 1):
+            if starts[joint] == starts[joint + 1]:
+                continue
+            m[:], sums[:] = 0.0, 0.0
+            for entry in range(starts[joint], starts[joint + 1]):
+                vertex, weight = members[entry], weights[entry]
+                _carried(q[joint], centres[joint], rest_centres[joint], rest[vertex], own)
+                for i in range(3):
+                    told[vertex, i] -= weight * own[i]
+                    left = weight * (posed[vertex, i] - told[vertex, i])
+                    sums[i] += left
+                    for j in range(3):
+                        m[i, j] += left * (rest[vertex, j] - rest_centres[joint, j])
+            nearest_turn(m, q[joint])
+            centres[joint] = sums / totals[joint]
+            for entry in range(starts[joint], starts[joint + 1]):
+                vertex = members[entry]
+                _carried(q[joint], centres[joint], rest_centres[joint], rest[vertex], own)
+                for axis in range(3):
+                    told[vertex, axis] += weights[entry] * own[axis]
 
 
 @njit(**OPTIONS)
@@ -264,8 +304,11 @@ def compile_kernels() -> None:
     starts, others, donors = np.array([0, 2, 4, 6], np.int32), np.array([1, 2, 0, 2, 0, 1], np.int32), np.arange(3)
     vertex_turns(places, own, places, own, starts, others, 0.5, donors, q)
     mean_turns(q, starts, others, q.copy())
-    turned_edges(q, places, starts, others, np.empty((3, 3, 3)), np.empty((3, 3)))
+    turned_edges(q, np.zeros((6, 3)), np.ones(6), places, starts, others, np.empty((3, 3, 3)), np.empty((3, 3)))
     group_turns(places, places, starts, others, np.full(6, 0.5), places, q, np.empty((3, 3)))
+    skin_turns(
+        places, places, starts, others, np.full(6, 0.5), np.full(3, 0.5), places, 1, q, np.zeros((3, 3)), np.empty((3, 3))
+    )
     joint_places(np.array([-1, 0, 1]), np.array([0, 1, 2, 2]), q, np.zeros((3, 3)), np.zeros((3, 3)), places, own)
     volume_system(
         places, faces.astype(np.int32), np.array([0, 1]), donors[:0], np.array([0]), donors, np.array([0, 3]), own,
