@@ -117,9 +117,8 @@ class Copier:
         """Length of the target's legs, metres."""
         return leg_length(self.target.skeleton, self.target.humanoid)
 
-    def clip(self, motion: Motion, turned: Float[Array, "frames targets 4"] | None = None) -> CopiedClip:
-        """Copy a clip; with `turned`, world rotations of the target's joints that are known otherwise than by copying, those
-        are kept, and path and ground contacts come from the clip. Raises `RetargetError` for a motion of another skeleton, without frames, or faster than `FASTEST`."""
+    def check(self, motion: Motion) -> None:
+        """Raises `RetargetError` for a motion of another skeleton, without frames, or faster than `FASTEST`."""
         if not same_skeleton(motion.skeleton, self.source.skeleton):
             raise RetargetError("the motion belongs to another skeleton than the one that was prepared")
         if len(motion) == 0:
@@ -128,6 +127,11 @@ class Copier:
             raise RetargetError(
                 f"the clip {motion.name!r} runs at {motion.fps:g} frames a second; resample it to {FASTEST:g} or less (--fps)"
             )
+
+    def clip(self, motion: Motion, turned: Float[Array, "frames targets 4"] | None = None) -> CopiedClip:
+        """Copy a clip; with `turned`, world rotations of the target's joints that are known otherwise than by copying, those
+        are kept, and path and ground contacts come from the clip. Raises `RetargetError` as `check` does."""
+        self.check(motion)
         rotations, positions = world_pose(motion)
         contacts = None
         if self.settings.foot_lock:

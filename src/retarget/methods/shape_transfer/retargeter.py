@@ -13,6 +13,7 @@ from retarget.character import MeshMotion, Motion, Pose
 from retarget.contact.contact_edits import without_effect
 from retarget.errors import RetargetError
 from retarget.methods.base import Result, Retargeter
+from retarget.methods.shape_transfer.bridging import bridged, is_finite
 from retarget.methods.shape_transfer.flesh import Flesh
 from retarget.methods.shape_transfer.shape import PosedShape, ShapeCarrier
 from retarget.motion.copy_clip import Copier
@@ -51,6 +52,9 @@ class _Last:
     before: Before
     given: Float[Array, "vertices 3"] | None
     """How far its skin gave way, metres."""
+    pose: Pose
+    vertices: Float[Array, "vertices 3"]
+    """The result itself: what a frame without a surface repeats."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,14 +76,16 @@ class PreparedShapeTransfer(Retargeter):
 
     def __call__(self, motion: Motion, surface: Float[Array, "frames vertices 3"] | None = None) -> Result:
         """Retarget a clip; `surface` are the source's posed vertices (metres) where its skin is not what the motion makes of
-        it. Frames that are not finite are bridged and told. Raises `RetargetError` as `Copier.clip` does, and for a surface
-        of another size."""
+        it. Frames that are not finite are bridged and told. Raises `RetargetError` as `Copier.check` does, and for a surface
+        of another size or without a finite frame."""
+        self.copier.check(motion)
         skinner, equations = self.goals.detector.skinner, self.solver.equations
         posed = skinner.vertices(*world_pose(motion)) if surface is None else surface
         if posed.shape != (len(motion), len(skinner.homogeneous), 3):
             raise RetargetError(
                 f"the surface must have {len(motion)} frames of {len(skinner.homogeneous)} vertices, received {posed.shape}"
             )
+        posed, missing = bridged(posed)
         shapes = [self.shape.posed(frame) for frame in posed]
         copied = self.copier.clip(motion, np.stack([shape.turned for shape in shapes]))
         chosen, fps = solved_frames(motion)
@@ -100,6 +106,8 @@ class PreparedShapeTransfer(Retargeter):
         idle = without_effect(found, self.goals.edits.of_clip(motion.name), fps, len(chosen))
         if idle:
             stats["contacts_file_without_effect"] = idle
+        if len(missing):
+            stats["bridged_frames"] = missing.tolist()
         whole = between(x, chosen, len(motion))
         at = np.searchsorted(chosen, np.arange(len(motion)))
         vertices = self._surfaces(copied.motion, whole, shapes, [goals.frame(each) for each in at.tolist()])
@@ -120,38 +128,51 @@ class PreparedShapeTransfer(Retargeter):
     def step_surface(
         self, pose: Pose, surface: Float[Array, "vertices 3"] | None = None
     ) -> tuple[Pose, Float[Array, "vertices 3"]]:
-        """The next pose online and the target's vertices in it (metres), without any later frame. `surface` as in a call.
-        Raises `RetargetError` where a contacts file adds contacts, and for a pose of another skeleton."""
-        frame, shape, posed = self._shaped(pose, surface)
+        """The next pose online and the target's vertices in it (metres), without any later frame. `surface` as in a call;
+        while it is not finite the last frame's result is repeated. Raises `RetargetError` where a contacts file adds contacts,
+        for a pose of another skeleton, a surface of another size, and one that is not finite before any that is."""
+        last = self.last[0] if self.last else None
+        if surface is not None and not self._is_whole(surface):
+            if last is None:
+                raise RetargetError("the first frame's surface is not finite, and there is no earlier frame to repeat")
+            self.steps[0] += 1
+            return last.pose, last.vertices.copy()
+        frame, shape = self._shaped(pose, surface)
         equations, seconds = self.solver.equations, self.steps[0] / self.settings.step_fps
         source = one_frame(pose, self.copier.source.skeleton)
         found = self.goals.online(source, frame, equations, seconds, self.copier.floor)
         goals = replace(found.frame(0), surface=shape.surface)
-        last = self.last[0] if self.last else None
         now = solve_next(self.solver, frame, goals, last.before if last else None, self.settings.step_fps, True, PATIENCE)
         offsets = local_positions(frame.skeleton, frame.translations, frame.moved)[0]
         vertices, given = self._turned(frame.rotations[0], offsets, now.x, shape), None
         if self.flesh is not None:
             given = self._given(vertices, goals, last.given if last else None, frame)
             vertices = vertices + given
-        self.last[:] = [_Last(now, given)]
+        made = corrected(equations, frame, now.x[None]).pose(0)
+        self.last[:] = [_Last(now, given, made, vertices.copy())]
         self.steps[0] += 1
-        return corrected(equations, frame, now.x[None]).pose(0), vertices
+        return made, vertices
 
     def forget(self) -> None:
         """Begin anew: the next frame online follows none."""
         self.last.clear()
         self.steps[:] = [0]
 
-    def _shaped(self, pose: Pose, surface: Array | None) -> tuple[Motion, PosedShape, Array]:
-        """The copied pose as a motion of one frame, the shape in it, and the source's vertices."""
+    def _is_whole(self, surface: Array) -> bool:
+        expected = (len(self.goals.detector.skinner.homogeneous), 3)
+        if surface.shape != expected:
+            raise RetargetError(f"the surface must have {expected[0]} vertices, received {surface.shape}")
+        return bool(is_finite(surface))
+
+    def _shaped(self, pose: Pose, surface: Array | None) -> tuple[Motion, PosedShape]:
+        """The copied pose as a motion of one frame, and the shape in it."""
         if surface is None:
             skeleton = self.copier.source.skeleton
             local = local_positions(skeleton, pose.translations[None], pose.moved)
             world = forward(skeleton.parents, pose.rotations[None], local)
             surface = self.goals.detector.skinner.vertices(*world)[0]
         shape = self.shape.posed(surface)
-        return one_frame(self.copier.step(pose, shape.turned), self.copier.target.skeleton), shape, surface
+        return one_frame(self.copier.step(pose, shape.turned), self.copier.target.skeleton), shape
 
     def _surfaces(
         self, copied: Motion, x: Float[Array, "frames unknowns"], shapes: list[PosedShape], goals: list[FrameGoals]
