@@ -40,4 +40,4 @@ def bridged(
 
 def is_finite(surface: Float[Array, "*frames vertices 3"]) -> Array:
     """Whether every vertex of a surface is finite; one answer a frame."""
-    return np.isfinite(surface).all(axis=(-2, -1))
+    return np.asarray(np.isfinite(surface).all(axis=(-2, -1)))

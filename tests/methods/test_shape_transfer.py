@@ -1,0 +1,169 @@
+"""Shape transfer: the pose comes from the surface, contacts stay, and what cannot be done is said."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from made_motions import actor, body, cast_by_names, prepared
+
+from retarget import load
+from retarget.body.skinning import skin_motion
+from retarget.errors import RetargetError
+from retarget.evaluate.touch import observe, prepare_judge
+from retarget.methods import CopyRotations, ShapeTransfer
+from retarget.motion.filter import cut
+from retarget.motion.library import embedded_motion
+from retarget.retargeting import prepare
+
+
+@cache
+def hands_on_hips():
+    return cut(embedded_motion("hands_on_hips"), 1.2, 1.4)
+
+
+def fresh(preset, **settings):
+    """A retargeter that has stepped through nothing yet."""
+    return replace(prepared(actor(), actor(preset), ShapeTransfer(**settings)).retargeter, last=[], steps=[0])
+
+
+@cache
+def moved(preset, **settings):
+    return fresh(preset, **settings)(hands_on_hips())
+
+
+@cache
+def source_surface():
+    return skin_motion(body(), hands_on_hips())
+
+
+def test_the_same_body_keeps_its_surface():
+    """Parts keep the volumes of the rest pose only where asked to: this skin loses a sixth of its shoulders' in the pose."""
+    for settings, most in (({"volumes": False}, 0.002), ({}, 0.008)):
+        result = moved("thin", **settings)
+        away = np.linalg.norm(result.surface.vertices - source_surface(), axis=-1)
+        assert away.max() < most
+        assert np.linalg.norm(skin_motion(body(), result.motion) - source_surface(), axis=-1).max() < most
+        assert result.status == "ok" and "bridged_frames" not in result.stats
+
+
+def test_contacts_are_kept_and_arms_stay_out():
+    target = actor("very_heavy")
+    touch = observe(actor(), hands_on_hips())
+    judge = prepare_judge(touch, target)
+    copied = prepared(actor(), target, CopyRotations()).retargeter(hands_on_hips()).motion
+    before, after = judge(touch, copied), judge(touch, moved("very_heavy").motion)
+    assert before["contacts_kept"] < 0.1 and before["penetration_percent"] > 10
+    assert after["contacts_kept"] > 0.8 and after["penetration_percent"] < 1.0
+    depth = judge.collider.depths(moved("very_heavy").surface.vertices)
+    assert (depth > 0.005).mean() < 0.001, "nor does the surface itself sink in"
+
+
+def test_skin_gives_way_where_joints_do_not_suffice():
+    firm, soft = (moved("very_heavy", flesh=each).surface.vertices for each in (False, True))
+    collider = fresh("very_heavy").solver.equations.collider
+    sunk = [np.maximum(collider.depths(each), 0).sum() for each in (firm, soft)]
+    assert sunk[1] < 0.7 * sunk[0]
+    assert np.abs(firm - soft).max() < 0.06
+
+
+def test_parts_keep_their_volumes():
+    shape = fresh("heavy").shape
+    result = moved("heavy", flesh=False).surface.vertices
+    change = [np.abs(shape.volumes.of(each.astype(np.float64)) / shape.volumes.volumes - 1).max() for each in result]
+    assert max(change) < 0.01
+
+
+@pytest.mark.parametrize("preset", ["heavy", "child"])
+def test_a_held_pose_comes_to_what_the_clip_gives(preset):
+    motion, frames = hands_on_hips(), 6
+    held = replace(
+        motion, rotations=np.repeat(motion.rotations[:1], frames, 0), translations=np.repeat(motion.translations[:1], frames, 0)
+    )
+    retargeter = fresh(preset, foot_lock=False)
+    clip = retargeter(held)
+    away = []
+    for _ in range(14):
+        _, vertices = retargeter.step_surface(held.pose(0))
+        away.append(np.linalg.norm(vertices - clip.surface.vertices[-1], axis=1))
+    assert np.percentile(away[0], 99) > np.percentile(away[-1], 99)
+    assert np.percentile(away[-1], 99) < 0.01 and away[-1].max() < 0.015
+
+
+def test_what_is_needed_and_missing_is_said():
+    bare = cast_by_names(replace(body(), mesh=None, skin=None))
+    with pytest.raises(RetargetError, match="the source has no surface.*use interaction"):
+        prepare(bare, actor("heavy"), "shape-transfer")
+    with pytest.raises(RetargetError, match="the target has no surface.*use copy-rotations"):
+        prepare(actor(), bare, "shape-transfer")
+    none = replace(hands_on_hips(), rotations=hands_on_hips().rotations[:0], translations=hands_on_hips().translations[:0])
+    with pytest.raises(RetargetError, match="no frames"):
+        fresh("heavy")(none)
+    with pytest.raises(RetargetError, match="6883 vertices, received"):
+        fresh("heavy")(hands_on_hips(), source_surface()[:, :5])
+    with pytest.raises(RetargetError, match="6883 vertices, received"):
+        fresh("heavy").step_surface(hands_on_hips().pose(0), source_surface()[0, :5])
+
+
+def test_the_surface_leads_not_the_joints():
+    """A surface whose head is turned, over a motion whose head is not: the result's head turns."""
+    from retarget.body import rotations as rot
+    from retarget.body.kinematics import world_pose
+
+    motion = hands_on_hips()
+    head, turned = motion.skeleton.index("head"), motion.rotations.copy()
+    turned[:, head] = rot.multiply(rot.from_rotation_vector(np.array([0.0, 0.5, 0.0])), turned[:, head])
+    surface = skin_motion(body(), replace(motion, rotations=turned))
+    result = fresh("child")(motion, surface)
+    plain = moved("child")
+    angle = rot.angle_between(world_pose(result.motion)[0][:, head], world_pose(plain.motion)[0][:, head])
+    assert np.degrees(angle) == pytest.approx(np.degrees(0.5), abs=3.0)
+
+
+def test_missing_frames_are_bridged_and_told():
+    surface = source_surface().copy()
+    surface[3] = np.nan
+    surface[-1, 7, 1] = np.inf
+    result = fresh("child")(hands_on_hips(), surface)
+    assert result.stats["bridged_frames"] == [3, len(surface) - 1]
+    assert np.isfinite(result.surface.vertices).all() and np.isfinite(result.motion.rotations).all()
+    away = np.linalg.norm(result.surface.vertices - moved("child").surface.vertices, axis=-1)
+    assert away.max() < 0.01
+    with pytest.raises(RetargetError, match="none of the surface's"):
+        fresh("child")(hands_on_hips(), np.full_like(surface, np.nan))
+
+
+def test_online_a_missing_frame_repeats_the_last():
+    retargeter, motion, surface = fresh("child"), hands_on_hips(), source_surface()
+    gone = np.full_like(surface[0], np.nan)
+    with pytest.raises(RetargetError, match="no earlier frame"):
+        retargeter.step_surface(motion.pose(0), gone)
+    pose, vertices = retargeter.step_surface(motion.pose(0), surface[0])
+    kept = vertices.copy()
+    again, repeated = retargeter.step_surface(motion.pose(1), gone)
+    assert np.array_equal(repeated, kept) and np.array_equal(again.rotations, pose.rotations)
+    repeated[:] = 0.0  # the caller's own
+    _, next_one = retargeter.step_surface(motion.pose(1), gone)
+    assert np.array_equal(next_one, kept) and retargeter.steps == [3]
+    assert np.isfinite(retargeter.step_surface(motion.pose(2), surface[2])[1]).all()
+
+
+def test_results_are_files_twice_alike(tmp_path):
+    results = [prepare(actor(), actor("child"), "shape-transfer")(hands_on_hips()) for _ in range(2)]
+    for number, result in enumerate(results):
+        result.save(tmp_path / f"{number}.glb")
+        result.save_surface(tmp_path / f"{number}.npz")
+    for suffix in ("glb", "npz"):
+        assert (tmp_path / f"0.{suffix}").read_bytes() == (tmp_path / f"1.{suffix}").read_bytes()
+    loaded = load(tmp_path / "0.glb").motion()
+    assert len(loaded) == len(hands_on_hips())
+    surface = load(tmp_path / "0.npz").sequence
+    assert np.abs(surface.vertices - results[0].surface.vertices).max() < 1e-5
+    assert surface.fps == hands_on_hips().fps
+
+
+def test_the_surface_can_be_smoothed():
+    """The paper's low-pass: jitter goes, the place stays."""
+    plain, smooth = (moved("child", low_pass=each).surface.vertices for each in (0.0, 0.1))
+    jerk = [np.abs(np.diff(each, n=3, axis=0)).mean() for each in (plain, smooth)]
+    assert jerk[1] < 0.5 * jerk[0] and np.abs(plain - smooth).max() < 0.02
