@@ -74,9 +74,7 @@ class PartVolumes:
         return volumes, matrix
 
 
-def prepare_volumes(
-    collider: Collider, rest: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"]
-) -> PartVolumes:
+def prepare_volumes(collider: Collider, rest: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"]) -> PartVolumes:
     """Prepare a body with its solids, from its surface at rest (metres)."""
     from scipy import sparse
 

@@ -20,7 +20,9 @@ def remeshed_body(character: Character, faces: Array, places: Places) -> Charact
     skin, mesh = character.skin, character.mesh
     columns = len(skin.joints)
     dense = np.zeros((len(mesh.vertices), columns))
-    np.add.at(dense, (np.repeat(np.arange(len(dense)), skin.columns.shape[1]), skin.columns.ravel()), skin.weights.ravel())
+    np.add.at(
+        dense, (np.repeat(np.arange(len(dense)), skin.columns.shape[1]), skin.columns.ravel()), skin.weights.ravel()
+    )
     weights = places.matrix(len(dense)) @ dense
     most = np.argsort(-weights, axis=1, kind="stable")[:, :INFLUENCES]
     kept = np.take_along_axis(weights, most, axis=1)

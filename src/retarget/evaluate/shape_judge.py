@@ -56,7 +56,11 @@ def judge_pose(case: ShapeCase, vertices: Float[Array, "vertices 3"]) -> dict[st
 
 
 def kept_contacts(
-    touch: SourceTouch, target: Actor, posed: Float[Array, "chosen vertices 3"], frames: Array, countable: Array | None = None
+    touch: SourceTouch,
+    target: Actor,
+    posed: Float[Array, "chosen vertices 3"],
+    frames: Array,
+    countable: Array | None = None,
 ) -> tuple[float | None, int]:
     """Share of the source's pose contacts that are within 1.5 thresholds on the target, vertex for vertex; and their number.
     `frames` are the source's frames that `posed` shows."""
@@ -99,7 +103,10 @@ def shape_figures(target: JudgedShape, vertices: Float[Array, "vertices 3"]) -> 
         for above, below in LIMBS:
             a, b = joints[side + above], joints[side + below]
             limbs.append(100 * abs(np.linalg.norm(places[a] - places[b]) / np.linalg.norm(rest[a] - rest[b]) - 1))
-    lengths = [np.linalg.norm(each[target.edges[:, 0]] - each[target.edges[:, 1]], axis=1) for each in (vertices, target.frames.rest)]
+    lengths = [
+        np.linalg.norm(each[target.edges[:, 0]] - each[target.edges[:, 1]], axis=1)
+        for each in (vertices, target.frames.rest)
+    ]
     away = float(np.abs(lengths[0] - lengths[1]).mean())
     return {
         "part_volume_error_percent": float(volumes.mean()), "part_volume_error_percent_worst": float(volumes.max()),

@@ -85,9 +85,16 @@ def rows_of(case: ShapeCase) -> Iterator[tuple[dict[str, Any], Float[Array, "ver
     )
     yield judged(DEFORMATION, transfer.frames(case.posed[None])[0])
     found = made.reference.run(case.posed)
-    yield judged(REFERENCE, found.vertices, status=found.status, iterations=found.iterations, cpu_ms=1000 * found.cpu_seconds)
+    yield judged(
+        REFERENCE, found.vertices, status=found.status, iterations=found.iterations, cpu_ms=1000 * found.cpu_seconds
+    )
     result = made.ours(case.motion)
-    yield judged(OURS, result.surface.vertices[0].astype(np.float64), status=result.status, skin_rms_mm=result.stats["skin_rms_mm"])
+    yield judged(
+        OURS,
+        result.surface.vertices[0].astype(np.float64),
+        status=result.status,
+        skin_rms_mm=result.stats["skin_rms_mm"],
+    )
 
 
 def ablations(case: ShapeCase) -> Iterator[dict[str, Any]]:
@@ -172,7 +179,9 @@ def _clip(touch: SourceTouch, target: Actor):
     return ShapeTransfer().prepare(touch.actor, target)(touch.motion).surface
 
 
-def _shake_and_slide(touch: SourceTouch, target: Actor, vertices: Float[Array, "frames vertices 3"]) -> dict[str, float]:
+def _shake_and_slide(
+    touch: SourceTouch, target: Actor, vertices: Float[Array, "frames vertices 3"]
+) -> dict[str, float]:
     """Jerk of the surface against the source's, vertices everywhere; slide of sole vertices over the source's contacts."""
     from retarget.contact.ground_surface import resting_parts
     from retarget.contact.support import leg_length

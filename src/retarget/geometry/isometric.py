@@ -69,7 +69,12 @@ class IsometricShape:
         from retarget.geometry import turn_kernels as kernels
 
         count = len(self.target)
-        normals, turns, mean, edges = np.empty((count, 3)), np.zeros((count, 4)), np.empty((count, 4)), np.empty((count, 3))
+        normals, turns, mean, edges = (
+            np.empty((count, 3)),
+            np.zeros((count, 4)),
+            np.empty((count, 4)),
+            np.empty((count, 3)),
+        )
         turns[:, 3] = 1.0
         matrices = np.empty((count, 3, 3))
         kernels.normals(source, self.faces, normals)
@@ -128,7 +133,9 @@ def prepare_isometric(
         sources = np.flatnonzero(known & (degree > 0))
         if len(sources) == 0:
             raise RetargetError("no vertex of the target has a place on the source")
-        _, _, donors = dijkstra(graph, directed=False, indices=sources, min_only=True, return_predecessors=True, unweighted=True)
+        _, _, donors = dijkstra(
+            graph, directed=False, indices=sources, min_only=True, return_predecessors=True, unweighted=True
+        )
         donors = np.where(donors >= 0, donors, np.arange(count))
     starts, others = graph.indptr.astype(np.int32), graph.indices.astype(np.int32)
     rows = np.repeat(np.arange(count), np.diff(starts))

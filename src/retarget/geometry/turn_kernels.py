@@ -295,6 +295,69 @@ def volume_system(
                 matrix[solid, other] += along * shares[vertex, other]
 
 
+@njit(**OPTIONS)
+def _local_frame(vertices, normals, vertex, other, frame):
+    """Rows: the normal, a neighbour's direction across it, and what completes them; all zero where there is no such frame."""
+    frame[:] = 0.0
+    n = normals[vertex]
+    x, y, z = (
+        vertices[other, 0] - vertices[vertex, 0],
+        vertices[other, 1] - vertices[vertex, 1],
+        vertices[other, 2] - vertices[vertex, 2],
+    )
+    along = x * n[0] + y * n[1] + z * n[2]
+    x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
+    length = np.sqrt(x * x + y * y + z * z)
+    if length < 1e-12 or n[0] * n[0] + n[1] * n[1] + n[2] * n[2] < 0.5:
+        return False
+    x, y, z = x / length, y / length, z / length
+    frame[0] = n
+    frame[1, 0], frame[1, 1], frame[1, 2] = x, y, z
+    frame[2, 0], frame[2, 1], frame[2, 2] = n[1] * z - n[2] * y, n[2] * x - n[0] * z, n[0] * y - n[1] * x
+    return True
+
+
+@njit(**OPTIONS)
+def local_offsets(vertices, normals, starts, others, leading, out):
+    """For every vertex, the mean of its neighbours less itself, in the frame of its normal and its `leading` neighbour."""
+    frame, delta = np.empty((3, 3)), np.empty(3)
+    for vertex in range(len(vertices)):
+        out[vertex] = 0.0
+        if leading[vertex] != vertex and _local_frame(vertices, normals, vertex, leading[vertex], frame):
+            _from_mean(vertices, vertex, starts, others, delta)
+            for row in range(3):
+                for axis in range(3):
+                    out[vertex, row] += frame[row, axis] * delta[axis]
+
+
+@njit(**OPTIONS)
+def _from_mean(vertices, vertex, starts, others, out):
+    """The mean of a vertex's neighbours less itself."""
+    x, y, z, count = 0.0, 0.0, 0.0, starts[vertex + 1] - starts[vertex]
+    for entry in range(starts[vertex], starts[vertex + 1]):
+        other = others[entry]
+        x, y, z = x + vertices[other, 0], y + vertices[other, 1], z + vertices[other, 2]
+    out[0], out[1], out[2] = (
+        x / count - vertices[vertex, 0],
+        y / count - vertices[vertex, 1],
+        z / count - vertices[vertex, 2],
+    )
+
+
+@njit(**OPTIONS)
+def offset_moves(vertices, normals, starts, others, leading, offsets, share, out):
+    """Every vertex moved by a `share` of the way to where its neighbours and its own offset in the local frame want it."""
+    frame, delta = np.empty((3, 3)), np.empty(3)
+    for vertex in range(len(vertices)):
+        out[vertex] = vertices[vertex]
+        if leading[vertex] != vertex and _local_frame(vertices, normals, vertex, leading[vertex], frame):
+            _from_mean(vertices, vertex, starts, others, delta)
+            a, b, c = offsets[vertex, 0], offsets[vertex, 1], offsets[vertex, 2]
+            for axis in range(3):
+                wanted = a * frame[0, axis] + b * frame[1, axis] + c * frame[2, axis]
+                out[vertex, axis] += share * (delta[axis] - wanted)
+
+
 def compile_kernels() -> None:
     """Compile the kernels and keep them on disk, as `contact.collide.compile_kernels` does."""
     places, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
@@ -307,10 +370,22 @@ def compile_kernels() -> None:
     turned_edges(q, np.zeros((6, 3)), np.ones(6), places, starts, others, np.empty((3, 3, 3)), np.empty((3, 3)))
     group_turns(places, places, starts, others, np.full(6, 0.5), places, q, np.empty((3, 3)))
     skin_turns(
-        places, places, starts, others, np.full(6, 0.5), np.full(3, 0.5), places, 1, q, np.zeros((3, 3)), np.empty((3, 3))
+        places,
+        places,
+        starts,
+        others,
+        np.full(6, 0.5),
+        np.full(3, 0.5),
+        places,
+        1,
+        q,
+        np.zeros((3, 3)),
+        np.empty((3, 3)),
     )
     joint_places(np.array([-1, 0, 1]), np.array([0, 1, 2, 2]), q, np.zeros((3, 3)), np.zeros((3, 3)), places, own)
     volume_system(
         places, faces.astype(np.int32), np.array([0, 1]), donors[:0], np.array([0]), donors, np.array([0, 3]), own,
         np.ones((3, 1)), np.zeros((3, 3)), np.empty(1), np.zeros((1, 1)),
     )  # fmt: skip
+    local_offsets(places, own, starts, others, np.array([1, 2, 0]), np.empty((3, 3)))
+    offset_moves(places, own, starts, others, np.array([1, 2, 0]), own, 0.3, np.empty((3, 3)))

@@ -14,9 +14,7 @@ from retarget.motion.joint_frames import prepare_frames
 Array = np.ndarray
 
 
-def fit_motion(
-    character: Character, vertices: Float[Array, "frames vertices 3"], fps: float, name: str = ""
-) -> Motion:
+def fit_motion(character: Character, vertices: Float[Array, "frames vertices 3"], fps: float, name: str = "") -> Motion:
     """The motion of a skinned character whose surface is known on every frame (metres, vertex for vertex).
 
     Every joint turns as the skin that it moves, in the sense of least squares (weights squared); the root goes where its own
@@ -25,10 +23,14 @@ def fit_motion(
     """
     frames = prepare_frames(character)
     if vertices.ndim != 3 or vertices.shape[1:] != frames.rest.shape:
-        raise RetargetError(f"the character has {len(frames.rest)} vertices, the surface is an array of {vertices.shape}")
+        raise RetargetError(
+            f"the character has {len(frames.rest)} vertices, the surface is an array of {vertices.shape}"
+        )
     broken = np.flatnonzero(~np.isfinite(vertices).all(axis=(1, 2)))
     if len(broken):
-        raise RetargetError(f"vertices of frame {int(broken[0])} are not finite; {len(broken)} of {len(vertices)} frames are so")
+        raise RetargetError(
+            f"vertices of frame {int(broken[0])} are not finite; {len(broken)} of {len(vertices)} frames are so"
+        )
     skeleton = character.skeleton
     found = [frames.of(each) for each in vertices]
     world = np.stack([turned for turned, _ in found]).reshape(-1, len(skeleton), 4)

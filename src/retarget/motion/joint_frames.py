@@ -60,9 +60,7 @@ class JointFrames:
         count = len(self.skeleton)
         turns, centres = np.tile(rot.IDENTITY, (count, 1)), np.empty((count, 3))
         vertices = np.ascontiguousarray(vertices, dtype=np.float64)
-        kernels.group_turns(
-            self.rest, vertices, self.starts, self.members, self.squares, self.centres, turns, centres
-        )
+        kernels.group_turns(self.rest, vertices, self.starts, self.members, self.squares, self.centres, turns, centres)
         kernels.skin_turns(
             self.rest, vertices, self.starts, self.members, self.weights, self.totals, self.centres, ROUNDS, turns, centres,
             np.empty_like(vertices),

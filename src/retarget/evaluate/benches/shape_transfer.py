@@ -80,9 +80,14 @@ def run(quick: bool = False, tell: Tell = untold, show: Show | None = None) -> d
     if not quick:
         cost += [costs(shape_case(pose, pair)) | {"pose": pose, "pair": pair} for pair in pairs[:1] for pose in APART]
     tell("clips", 1)
-    sequences = [sequence_row(motion, source, body(target)) | {"target": target} for motion, source, target in SEQUENCES[: 1 if quick else None]]
+    sequences = [
+        sequence_row(motion, source, body(target)) | {"target": target}
+        for motion, source, target in SEQUENCES[: 1 if quick else None]
+    ]
     tell("other triangles", 1)
-    foreign = [foreign_row(pose, source, body(target)) for source, target in FOREIGN[: 1 if quick else None] for pose in poses]
+    foreign = [
+        foreign_row(pose, source, body(target)) for source, target in FOREIGN[: 1 if quick else None] for pose in poses
+    ]
     gaps, without, energies = [], [], {}
     if not quick:
         tell("ablations", 1)
@@ -135,7 +140,9 @@ def _most(cases: list[dict], key: str) -> float | None:
     return max(_values(cases, key), default=None)
 
 
-def _summary(cases: list[dict], cost: list[dict], sequences: list[dict], foreign: list[dict], gaps: list[dict]) -> dict[str, float | None]:
+def _summary(
+    cases: list[dict], cost: list[dict], sequences: list[dict], foreign: list[dict], gaps: list[dict]
+) -> dict[str, float | None]:
     ours = _of(cases, method=OURS)
     ratios = [
         own["energy_total"] / max(other["energy_total"], 1e-12)
@@ -184,10 +191,14 @@ def _rows(cases: list[dict], without: list[dict]) -> Iterator[dict[str, Any]]:
         for method in (COPY, DEFORMATION, REFERENCE, OURS):
             own = _of(cases, method=method, split=split, mesh=mesh)
             if own:
-                yield {"method": method, "split": f"{split}, {mesh}", "cases": len(own)} | {key: _mean(own, key) for key in FIGURES}
+                yield {"method": method, "split": f"{split}, {mesh}", "cases": len(own)} | {
+                    key: _mean(own, key) for key in FIGURES
+                }
     for method in dict.fromkeys(row["method"] for row in without):
         own = _of(without, method=method)
-        yield {"method": method, "split": "thin to heavy", "cases": len(own)} | {key: _mean(own, key) for key in FIGURES}
+        yield {"method": method, "split": "thin to heavy", "cases": len(own)} | {
+            key: _mean(own, key) for key in FIGURES
+        }
 
 
 def _lines(rows: list[dict], summary: dict, cost: list[dict], sequences: list[dict]) -> Iterator[str]:

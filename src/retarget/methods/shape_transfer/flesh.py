@@ -30,7 +30,7 @@ OUT, BACK = 60.0, 12.0
 """Weights of a vertex that is inside, and of a contact that is lost, over that of the displacement itself."""
 DEEPEST = 0.04
 """Metres: what is deeper inside than that is no dent, and is left."""
-KEPT, LOST = 1.2, 3.0
+KEPT, LOST = 1.0, 3.0
 """Thresholds: a contact within the first needs nothing, one beyond the second is out of reach."""
 STEPS, FOLLOWING = 6, 3
 """Conjugate gradient steps a round, on a first frame and on one that follows another."""

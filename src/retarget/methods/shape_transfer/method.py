@@ -37,6 +37,9 @@ class ShapeTransfer(CopySettings, Method):
     """What a contacts file asks for."""
     volumes: bool = True
     """Keep the volume of every part of the target."""
+    relax: int = 10
+    """Steps of the paper towards the target's local offsets, against creases; with none, a body given its own shape keeps
+    every crease of its skin."""
     flesh: bool = True
     """Let skin give way where turning joints is not enough."""
     low_pass: float = 0.0

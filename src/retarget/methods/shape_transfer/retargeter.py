@@ -118,7 +118,11 @@ class PreparedShapeTransfer(Retargeter):
         mesh = replace(character.mesh, vertices=vertices[0].astype(np.float64))
         stats |= self._residual(made, vertices)
         return Result(
-            self.copier.target, made, status, stats, MeshMotion(mesh, vertices.astype(np.float32), motion.fps, motion.name)
+            self.copier.target,
+            made,
+            status,
+            stats,
+            MeshMotion(mesh, vertices.astype(np.float32), motion.fps, motion.name),
         )
 
     def step(self, pose: Pose) -> Pose:
@@ -142,7 +146,9 @@ class PreparedShapeTransfer(Retargeter):
         source = one_frame(pose, self.copier.source.skeleton)
         found = self.goals.online(source, frame, equations, seconds, self.copier.floor)
         goals = replace(found.frame(0), surface=shape.surface)
-        now = solve_next(self.solver, frame, goals, last.before if last else None, self.settings.step_fps, True, PATIENCE)
+        now = solve_next(
+            self.solver, frame, goals, last.before if last else None, self.settings.step_fps, True, PATIENCE
+        )
         offsets = local_positions(frame.skeleton, frame.translations, frame.moved)[0]
         vertices, given = self._turned(frame.rotations[0], offsets, now.x, shape), None
         if self.flesh is not None:
@@ -190,11 +196,14 @@ class PreparedShapeTransfer(Retargeter):
         return vertices + gaussian(given, SOFT * copied.fps)
 
     def _turned(self, rotations: Array, offsets: Array, x: Array, shape: PosedShape) -> Float[Array, "vertices 3"]:
-        """The shape with its joints turned, parts at their volumes."""
+        """The shape with its joints turned, creases relaxed and parts at their volumes."""
         vertices = self.solver.equations.pose(rotations, offsets, x, shape.surface).vertices
+        vertices = self.shape.offsets.relaxed(vertices, self.settings.relax)
         return vertices if self.shape.volumes is None else self.shape.volumes.kept(vertices)
 
-    def _given(self, vertices: Array, goals: FrameGoals, before: Array | None, copied: Motion) -> Float[Array, "vertices 3"]:
+    def _given(
+        self, vertices: Array, goals: FrameGoals, before: Array | None, copied: Motion
+    ) -> Float[Array, "vertices 3"]:
         return self.flesh.given(vertices, goals, COLD if before is None else WARM, before, self.copier.floor)
 
     def _residual(self, made: Motion, vertices: Float[Array, "frames vertices 3"]) -> dict[str, float]:

@@ -14,6 +14,7 @@ from retarget.contact.collide import Collider
 from retarget.contact.part_volumes import PartVolumes, prepare_volumes
 from retarget.errors import RetargetError
 from retarget.geometry.isometric import IsometricShape, prepare_isometric
+from retarget.geometry.local_offsets import LocalOffsets, prepare_offsets
 from retarget.motion.align import Actor
 from retarget.motion.joint_frames import JointFrames, prepare_frames
 from retarget.motion.touch.goals import FrameSurface
@@ -35,6 +36,7 @@ class ShapeCarrier:
     """A matched pair of surfaces; `prepare_shape` makes one."""
 
     isometric: IsometricShape
+    offsets: LocalOffsets
     volumes: PartVolumes | None
     frames: JointFrames
     joints: Array
@@ -76,4 +78,7 @@ def prepare_shape(source: Actor, target: Actor, collider: Collider, keep_volumes
     faces = target.character.mesh.faces
     isometric = prepare_isometric(on_target(onto, rest, len(own)), own, faces, collider.parts.welded, known)
     volumes = prepare_volumes(collider, own, faces) if keep_volumes else None
-    return ShapeCarrier(isometric, volumes, prepare_frames(target.character), target.character.skin.joints, onto)
+    offsets = prepare_offsets(own, faces, collider.parts.welded)
+    return ShapeCarrier(
+        isometric, offsets, volumes, prepare_frames(target.character), target.character.skin.joints, onto
+    )

@@ -84,7 +84,13 @@ def solve_clip(
 
 
 def solve_next(
-    solver: Solver, copied: Motion, goals: FrameGoals, before: Before | None, fps: float, always: bool = False, patience: int = 1
+    solver: Solver,
+    copied: Motion,
+    goals: FrameGoals,
+    before: Before | None,
+    fps: float,
+    always: bool = False,
+    patience: int = 1,
 ) -> Before:
     """The correction of a frame (a motion of one) that starts at, and stays near, that of the frame before. Poses without a
     fault are left as they are, unless `always` lets contacts pull. `patience` as in `solve_clip`, for the first frame."""

@@ -22,7 +22,12 @@ SPACING = 0.006
 
 
 def prepare_touch(
-    performer: Actor, target: Actor, weights: Weights, edits: ContactEdits, stands_in: bool = False, may_sink: bool = True
+    performer: Actor,
+    target: Actor,
+    weights: Weights,
+    edits: ContactEdits,
+    stands_in: bool = False,
+    may_sink: bool = True,
 ) -> tuple[GoalMaker, Solver]:
     """What finds the goals of a pair, and what reaches them. `stands_in` says that the performer is only the body of a source
     without surface; `may_sink` leaves inside each other what the performer has inside itself. Raises `RetargetError` for
