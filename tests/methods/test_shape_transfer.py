@@ -22,9 +22,17 @@ def hands_on_hips():
     return cut(embedded_motion("hands_on_hips"), 1.2, 1.4)
 
 
-def fresh(preset, **settings):
-    """A retargeter that has stepped through nothing yet."""
-    return replace(prepared(actor(), actor(preset), ShapeTransfer(**settings)).retargeter, last=[], steps=[0])
+def fresh(preset, volumes=True, flesh=True, **settings):
+    """A retargeter that has stepped through nothing yet, all made of one that was prepared once."""
+    made = prepared(actor(), actor(preset), ShapeTransfer()).retargeter
+    return replace(
+        made,
+        settings=replace(made.settings, **settings),
+        shape=made.shape if volumes else replace(made.shape, volumes=None),
+        flesh=made.flesh if flesh else None,
+        last=[],
+        steps=[0],
+    )
 
 
 @cache
@@ -76,18 +84,25 @@ def test_parts_keep_their_volumes():
 
 @pytest.mark.parametrize("preset", ["heavy", "child"])
 def test_a_held_pose_comes_to_what_the_clip_gives(preset):
-    motion, frames = hands_on_hips(), 6
+    """To a centimetre but for finger tips: online, contacts count by nearness alone."""
+    motion = hands_on_hips()
     held = replace(
-        motion, rotations=np.repeat(motion.rotations[:1], frames, 0), translations=np.repeat(motion.translations[:1], frames, 0)
+        motion, rotations=np.repeat(motion.rotations[-1:], 6, 0), translations=np.repeat(motion.translations[-1:], 6, 0)
     )
-    retargeter = fresh(preset, foot_lock=False)
+    retargeter = fresh(preset)
     clip = retargeter(held)
     away = []
     for _ in range(14):
         _, vertices = retargeter.step_surface(held.pose(0))
         away.append(np.linalg.norm(vertices - clip.surface.vertices[-1], axis=1))
-    assert np.percentile(away[0], 99) > np.percentile(away[-1], 99)
-    assert np.percentile(away[-1], 99) < 0.01 and away[-1].max() < 0.015
+    assert away[-1].mean() < 0.75 * away[0].mean()
+    assert (away[-1] < 0.01).mean() > 0.98 and away[-1].max() < 0.02
+
+
+def test_settings_leave_out_what_they_name():
+    made = prepare(actor(), actor("child"), "shape-transfer", volumes=False, flesh=False).retargeter
+    assert made.shape.volumes is None and made.flesh is None
+    assert fresh("child").shape.volumes is not None and fresh("child").flesh is not None
 
 
 def test_what_is_needed_and_missing_is_said():
@@ -149,7 +164,7 @@ def test_online_a_missing_frame_repeats_the_last():
 
 
 def test_results_are_files_twice_alike(tmp_path):
-    results = [prepare(actor(), actor("child"), "shape-transfer")(hands_on_hips()) for _ in range(2)]
+    results = [moved("child"), prepare(actor(), actor("child"), "shape-transfer")(hands_on_hips())]
     for number, result in enumerate(results):
         result.save(tmp_path / f"{number}.glb")
         result.save_surface(tmp_path / f"{number}.npz")
