@@ -387,9 +387,11 @@ def test_kernels_are_compiled_at_set_up():
     """After the set-up's calls nothing compiles while a clip is solved: a first user must not wait."""
     code = (
         "from retarget.contact import collide, kernels, pair_kernels, skin_kernels\n"
+        "from retarget.geometry import turn_kernels\n"
         "from retarget.motion import limit_kernels\n"
-        "[each.compile_kernels() for each in (collide, pair_kernels, skin_kernels, limit_kernels)]\n"
-        "made = lambda: {(m.__name__, n): len(f.signatures) for m in (kernels, pair_kernels, skin_kernels, limit_kernels)\n"
+        "[each.compile_kernels() for each in (collide, pair_kernels, skin_kernels, turn_kernels, limit_kernels)]\n"
+        "all_kernels = (kernels, pair_kernels, skin_kernels, turn_kernels, limit_kernels)\n"
+        "made = lambda: {(m.__name__, n): len(f.signatures) for m in all_kernels\n"
         "                for n, f in vars(m).items() if hasattr(f, 'signatures')}\n"
         "before = made()\n"
         "from retarget import cast, embedded_motion, human, prepare\n"
@@ -399,6 +401,8 @@ def test_kernels_are_compiled_at_set_up():
         "few = cut(embedded_motion('hands_on_hips'), 1.2, 1.5)\n"
         "made_heavy = prepare(thin, heavy, 'interaction')(few).motion\n"
         "prepare(heavy, thin, 'interaction', causal=True)(made_heavy)\n"
+        "carried = prepare(thin, heavy, 'shape-transfer').retargeter\n"
+        "carried(few), carried.step(few.pose(0)), prepare(thin, heavy, 'deformation-transfer')(few)\n"
         "assert before == made(), {k: (before[k], v) for k, v in made().items() if v != before[k]}\n"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stderr == ""

@@ -89,6 +89,6 @@ def prepare_frames(character: Character) -> JointFrames:
     centres = (weights**2).T @ rest / np.maximum(totals, 1e-300)[:, None]
     world, places = rest_pose(character.skeleton)
     return JointFrames(
-        character.skeleton, rest, world, places, np.concatenate([[0], np.bincount(joints, minlength=count).cumsum()]),
-        members, each, each**2 / totals[joints], totals, centres,
+        character.skeleton, rest, world, places,
+        np.concatenate([[0], np.bincount(joints, minlength=count).cumsum()]).astype(np.int32), members.astype(np.int32), each, each**2 / totals[joints], totals, centres,
     )  # fmt: skip
