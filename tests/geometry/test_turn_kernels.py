@@ -93,9 +93,7 @@ def test_groups_turn_about_their_centres():
     random = np.random.default_rng(5)
     rest, starts, weights, centres = groups(random)
     turns, shifts = Rotation.random(4, random_state=random), random.normal(size=(4, 3))
-    posed = np.concatenate(
-        [turns[g].apply(rest[starts[g] : starts[g + 1]] - centres[g]) + shifts[g] for g in range(4)]
-    )
+    posed = np.concatenate([turns[g].apply(rest[starts[g] : starts[g + 1]] - centres[g]) + shifts[g] for g in range(4)])
     q, places = np.tile(IDENTITY, (5, 1)), np.empty((5, 3))
     kernels.group_turns(
         rest, posed, np.append(starts, starts[-1]), np.arange(len(rest)), weights, np.append(centres, [[0.0, 0, 0]], axis=0),

@@ -111,7 +111,9 @@ def test_what_is_needed_and_missing_is_said():
         prepare(bare, actor("heavy"), "shape-transfer")
     with pytest.raises(RetargetError, match="the target has no surface.*use copy-rotations"):
         prepare(actor(), bare, "shape-transfer")
-    none = replace(hands_on_hips(), rotations=hands_on_hips().rotations[:0], translations=hands_on_hips().translations[:0])
+    none = replace(
+        hands_on_hips(), rotations=hands_on_hips().rotations[:0], translations=hands_on_hips().translations[:0]
+    )
     with pytest.raises(RetargetError, match="no frames"):
         fresh("heavy")(none)
     with pytest.raises(RetargetError, match="6883 vertices, received"):

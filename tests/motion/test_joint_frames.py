@@ -75,4 +75,6 @@ def test_a_skin_that_tells_of_no_joint_is_refused():
     skin = body("thin").skin
     few = Skin(skin.joints, skin.inverse_binds, skin.columns[:3], skin.weights[:3])
     with pytest.raises(RetargetError, match="no joint of"):
-        prepare_frames(replace(body("thin"), mesh=Mesh(body("thin").mesh.vertices[:3], np.array([[0, 1, 2]])), skin=few))
+        prepare_frames(
+            replace(body("thin"), mesh=Mesh(body("thin").mesh.vertices[:3], np.array([[0, 1, 2]])), skin=few)
+        )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-
 from functools import lru_cache
 
 import numpy as np
@@ -25,7 +24,10 @@ def _levels(parents: tuple[int, ...]) -> tuple[Int[Array, "level"], ...]:
     depth = np.zeros(len(parents), dtype=int)
     for joint, parent in enumerate(parents):
         depth[joint] = 0 if parent < 0 else depth[parent] + 1
-    return tuple(np.flatnonzero(depth == d) for d in range(depth.max() + 1))
+    groups = tuple(np.flatnonzero(depth == d) for d in range(depth.max() + 1))
+    for group in groups:
+        group.flags.writeable = False  # every caller gets the same arrays
+    return groups
 
 
 def forward(

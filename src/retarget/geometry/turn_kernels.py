@@ -382,7 +382,9 @@ def compile_kernels() -> None:
         np.zeros((3, 3)),
         np.empty((3, 3)),
     )
-    joint_places(np.array([-1, 0, 1]), np.array([0, 1, 2, 2]), q, np.zeros((3, 3)), np.zeros((3, 3)), places, own)
+    joint_places(
+        np.array([-1, 0, 1]), np.array([0, 1, 2, 2], np.int32), q, np.zeros((3, 3)), np.zeros((3, 3)), places, own
+    )
     volume_system(
         places, faces.astype(np.int32), np.array([0, 1]), donors[:0], np.array([0]), donors, np.array([0, 3]), own,
         np.ones((3, 1)), np.zeros((3, 3)), np.empty(1), np.zeros((1, 1)),

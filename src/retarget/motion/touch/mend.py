@@ -52,8 +52,9 @@ def solved_frames(motion: Motion) -> tuple[Int[Array, "chosen"], float]:
 def solve_clip(
     solver: Solver, copied: Motion, goals: ClipGoals, fps: float, patience: int = 1
 ) -> Float[Array, "frames unknowns"]:
-    """Corrections of a copied clip, in `patience` times the usual number of steps at most. Frames `KEY` apart are solved one after the other, the rest lies between them, then all
-    are solved as one problem. Frames without a fault are not looked at: they stay as copied."""
+    """Corrections of a copied clip, in `patience` times the usual number of steps at most. Frames `KEY` apart are solved one
+    after the other, the rest lies between them, then all are solved as one problem. Frames without a fault are not looked at:
+    they stay as copied."""
     equations, count = solver.equations, len(copied)
     deep = STILL_DEEP * equations.actor.height
     offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
