@@ -15,6 +15,7 @@ from retarget.io.asset import Convention
 from retarget.motion.align import AXES, Actor
 from retarget.motion.fit import fit_motion
 from retarget.progress import Tell, untold
+from retarget.rig.rigging import Rigged, rig
 
 Array = np.ndarray
 
@@ -39,37 +40,30 @@ def cast_sequence(
 ) -> Performer:
     """Rig a mesh sequence by the first of its frames that can be, and fit that rig to all of them.
 
-    Up axis and unit are the hints', else the file's, else +Y and what makes a plausible height. Frames that are not finite
-    are left to the method: the rig repeats the frame before. Raises `RetargetError` where no frame can be rigged.
+    Up axis and unit are the hints', else the file's, else +Y and what makes a plausible height. Raises `RetargetError` where no frame can be rigged.
     """
     hints = hints or Hints()
     known = convention or Convention()
     upright = _upright(hints.up or known.up or "+y")
     vertices = rot.rotate(upright, sequence.vertices.astype(np.float64))
-    fine = np.flatnonzero(np.isfinite(vertices).all(axis=(1, 2)))
-    if len(fine) == 0:
-        raise RetargetError("no frame of the mesh sequence is finite")
-    rigged, frame = _rigged(sequence, vertices, fine, hints.unit or known.metres_per_unit, tell)
+    rigged, frame = _rigged(sequence, vertices, hints.unit or known.metres_per_unit, tell)
     surface = vertices * rigged.unit
-    usable = fine[np.maximum(np.searchsorted(fine, np.arange(len(vertices)), side="right") - 1, 0)]
     character: Character = replace(rigged.character, name=sequence.name or "the mesh sequence")
-    motion = fit_motion(character, surface[usable], sequence.fps, sequence.name)
+    motion = fit_motion(character, surface, sequence.fps, sequence.name)
     notes = (f"rigged by frame {frame}, with confidence {rigged.confidence:.2f}", *rigged.notes)
     actor = cast(character)
     return Performer(replace(actor, notes=(*notes, *actor.notes)), motion, surface, notes)
 
 
-def _rigged(sequence: MeshMotion, vertices: Array, fine: Array, unit: float | None, tell: Tell):
-    from retarget.rig.rigging import rig
-
-    tried = fine[np.unique(np.linspace(0, len(fine) - 1, TRIED).round().astype(int))]
+def _rigged(sequence: MeshMotion, vertices: Array, unit: float | None, tell: Tell) -> tuple[Rigged, int]:
+    tried = np.unique(np.linspace(0, len(vertices) - 1, TRIED).round().astype(int))
     why: RetargetError | None = None
     for frame in tried.tolist():
         try:
             return rig(replace(sequence.mesh, vertices=vertices[frame]), unit=unit, tell=tell), frame
         except RetargetError as error:
             why = why or error
-    raise RetargetError(f"none of {len(tried)} frames can be rigged; of the first: {why}")
+    raise RetargetError(f"none of its {len(tried)} frames that were tried can be rigged; of the first: {why}")
 
 
 def _upright(up: str) -> Float[Array, "4"]:

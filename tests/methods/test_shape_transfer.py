@@ -46,8 +46,9 @@ def source_surface():
 
 
 def test_the_same_body_keeps_its_surface():
-    """Parts keep the volumes of the rest pose only where asked to: this skin loses a sixth of its shoulders' in the pose."""
-    for settings, most in (({"volumes": False}, 0.002), ({}, 0.008)):
+    """Parts keep the volumes of the rest pose, and creases relax, only where asked to: this skin loses a sixth of its
+    shoulders' in the pose."""
+    for settings, most in (({"volumes": False, "relax": 0}, 0.002), ({}, 0.015)):
         result = moved("thin", **settings)
         away = np.linalg.norm(result.surface.vertices - source_surface(), axis=-1)
         assert away.max() < most

@@ -76,13 +76,14 @@ class Archive:
         """Declared shape. Raises `FileError` for an array that could not be read."""
         return self._sound(name).shape
 
-    def numbers(self, name: str) -> Array:
-        """An array of numbers as float64. Raises `FileError` for anything else, and for values that are not finite."""
+    def numbers(self, name: str, holes: bool = False) -> Array:
+        """An array of numbers as float64. Raises `FileError` for anything else, and for values that are not finite unless there
+        may be `holes`."""
         raw = self._read(name)
         if raw.dtype.kind not in "fiu":
             raise self.fail(name, f"must hold numbers, holds {raw.dtype}")
         values = raw.astype(np.float64)
-        if not workable(values):
+        if not workable(values[np.isfinite(values)] if holes else values):
             raise self.fail(name, "holds numbers that are not finite, or absurdly large")
         return values
 

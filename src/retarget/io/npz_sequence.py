@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from retarget.character import Mesh, MeshMotion
+from retarget.errors import FileError, RetargetError
+from retarget.geometry.bridging import bridged
 from retarget.io.asset import Asset
 from retarget.io.npz_arrays import Archive
 from retarget.io.whole_file import written_whole
@@ -20,7 +22,8 @@ STAMP = (1980, 1, 1, 0, 0, 0)
 
 
 def load(archive: Archive) -> Asset:
-    """Read a mesh sequence. Raises `FileError` for arrays of other shapes, faces that name vertices which do not exist, and a
+    """Read a mesh sequence; frames that are not finite are bridged, and told in the notes. Raises `FileError` where none is
+    finite, for arrays of other shapes, faces that name vertices which do not exist, and a
     rate that is none."""
     shape, faces = archive.shape("vertices"), archive.shape("faces")
     if len(shape) != 3 or shape[2] != 3 or not shape[0]:
@@ -30,7 +33,14 @@ def load(archive: Archive) -> Asset:
     corners = archive.integers("faces")
     if corners.size and not 0 <= corners.min() <= corners.max() < shape[1]:
         raise archive.fail("faces", f"names vertices from {corners.min()} to {corners.max()}; there are {shape[1]}")
-    places, fps, notes = archive.numbers("vertices"), FPS, []
+    fps, notes = FPS, []
+    try:
+        places, missing = bridged(archive.numbers("vertices", holes=True))
+    except RetargetError as error:
+        raise error if isinstance(error, FileError) else archive.fail("vertices", str(error)) from None
+    if len(missing):
+        listed = ", ".join(map(str, missing[:8].tolist())) + (", ..." if len(missing) > 8 else "")
+        notes.append(f"{len(missing)} of {shape[0]} frames are not finite ({listed}); they are bridged from those beside them")
     if "fps" in archive:
         rate = archive.numbers("fps")
         if rate.size != 1 or not rate.item() > 0:

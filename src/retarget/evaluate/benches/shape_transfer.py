@@ -128,7 +128,7 @@ def _of(cases: list[dict], **wanted: Any) -> list[dict]:
 
 
 def _values(cases: list[dict], key: str) -> list[float]:
-    return [case[key] for case in cases if case.get(key) is not None]
+    return [float(case[key]) for case in cases if case.get(key) is not None]
 
 
 def _mean(cases: list[dict], key: str) -> float | None:

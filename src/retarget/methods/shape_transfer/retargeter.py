@@ -13,7 +13,7 @@ from retarget.character import MeshMotion, Motion, Pose
 from retarget.contact.contact_edits import without_effect
 from retarget.errors import RetargetError
 from retarget.methods.base import Result, Retargeter
-from retarget.methods.shape_transfer.bridging import bridged, is_finite
+from retarget.geometry.bridging import bridged, is_finite
 from retarget.methods.shape_transfer.flesh import Flesh
 from retarget.methods.shape_transfer.shape import PosedShape, ShapeCarrier
 from retarget.motion.copy_clip import Copier

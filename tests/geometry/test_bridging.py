@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from retarget.errors import RetargetError
-from retarget.methods.shape_transfer.bridging import bridged
+from retarget.geometry.bridging import bridged
 
 
 def line(frames=8):
