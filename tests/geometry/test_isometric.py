@@ -120,6 +120,14 @@ def test_vertices_that_the_source_lacks_follow_their_neighbours():
     assert np.abs(without - centred(turn.apply(target)))[~known].max() > 0.25, "taken at their word they would cave in"
 
 
+def test_a_vertex_that_no_face_names_goes_along():
+    ball = sphere(2)
+    vertices = np.concatenate([ball.vertices, [[0.0, 3.0, 0.0]]])
+    turn = Rotation.from_rotvec([0.0, 0.0, 1.2])
+    found = prepare_isometric(vertices, 2 * vertices, ball.faces, np.arange(len(vertices))).posed(turn.apply(vertices))
+    assert np.abs(found - centred(2 * turn.apply(vertices))).max() < 1e-3
+
+
 def test_doubled_vertices_stay_together():
     ball = sphere(2)
     vertices = np.concatenate([ball.vertices, ball.vertices[:5]])

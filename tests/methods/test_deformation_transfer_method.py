@@ -14,6 +14,7 @@ from retarget.body.kinematics import world_pose
 from retarget.body.skinning import rest_vertices, skin_motion
 from retarget.errors import RetargetError
 from retarget.methods import DeformationTransfer
+from retarget.motion.align import Similarity
 from retarget.motion.deformation_transfer import prepare_deformation_transfer
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
@@ -119,3 +120,18 @@ def test_results_are_files(tmp_path):
     result.save_surface(tmp_path / "made.npz")
     assert len(load(tmp_path / "made.glb").motion()) == len(clip())
     assert np.abs(load(tmp_path / "made.npz").sequence.vertices - result.surface.vertices).max() < 1e-5
+
+
+def test_the_surface_comes_in_the_files_unit_and_axes():
+    """A target whose file is in centimetres with +Z up: the method's own surface and a skin's are led back alike."""
+    house_from_file = Similarity(rot.from_rotation_vector(np.array([-np.pi / 2, 0, 0])), 0.01)
+    own = replace(moved("heavy"), target=replace(actor("heavy"), house_from_file=house_from_file))
+    metres = moved("heavy").surface.vertices
+    expected = 100 * np.stack([metres[..., 0], -metres[..., 2], metres[..., 1]], axis=-1)
+    assert np.abs(own.file_surface.vertices - expected).max() < 1e-3
+    assert np.abs(own.file_surface.mesh.vertices - expected[0]).max() < 1e-3
+    skinned = replace(own, surface=None).file_surface.vertices
+    assert 0.01 < np.abs(skinned - expected).max() < 5, "what the skin makes of the motion, in the same place"
+    bare = replace(own, surface=None, target=cast_by_names(replace(body("heavy"), mesh=None, skin=None)))
+    with pytest.raises(RetargetError):
+        _ = bare.file_surface

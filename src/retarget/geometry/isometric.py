@@ -119,7 +119,7 @@ def prepare_isometric(
     count = len(target)
     first = np.concatenate([faces[:, corner] for corner in (0, 1, 2)])
     second = np.concatenate([faces[:, corner] for corner in (1, 2, 0)])
-    bridges = _bridges(target, faces)
+    bridges = _bridges(target, faces, np.flatnonzero(welded == np.arange(count)))
     first, second = np.concatenate([first, bridges[:, 0]]), np.concatenate([second, bridges[:, 1]])
     ones = np.ones(2 * len(first))
     graph = sparse.csr_matrix(
@@ -160,8 +160,11 @@ def _ratios(
     return np.minimum(ratios, LONGEST * np.median(ratios[known])) if known.any() else ratios
 
 
-def _bridges(vertices: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"]) -> Int[Array, "bridges 2"]:
-    """Edges that tie every piece to the nearest of those that are larger, so that the graph is one."""
+def _bridges(
+    vertices: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], firsts: Int[Array, "different"]
+) -> Int[Array, "bridges 2"]:
+    """Edges that tie every piece to the nearest of those that are larger, and what no face names (of `firsts`, the vertices
+    that are not another's copy) to the vertex nearest to it, so that the graph is one."""
     from scipy.spatial import cKDTree
 
     piece = pieces(faces, len(vertices))
@@ -176,4 +179,7 @@ def _bridges(vertices: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"])
         chosen = np.argsort(distance, kind="stable")[:BRIDGES]
         found.append(np.stack([own[chosen], joined[nearest[chosen]]], axis=1))
         joined = np.concatenate([joined, own])
+    loose = firsts[owner[firsts] < 0]
+    if len(loose):
+        found.append(np.stack([loose, joined[cKDTree(vertices[joined]).query(vertices[loose])[1]]], axis=1))
     return np.concatenate(found)
