@@ -110,9 +110,10 @@ def test_vertices_that_the_source_lacks_follow_their_neighbours():
     ball = sphere(3)
     known = ball.vertices[:, 1] < 0.8
     turn = Rotation.from_rotvec([0.5, 0.2, -1.0])
-    told = np.where(known[:, None], turn.apply(ball.vertices), 0.0)  # all unknown ones at one place
+    anywhere = np.random.default_rng(0).normal(size=(2, len(known), 3))  # no word of theirs can be believed
+    told = np.where(known[:, None], turn.apply(ball.vertices), anywhere[0])
     target = ball.vertices * [1.0, 2.0, 1.0]
-    rest = np.where(known[:, None], ball.vertices, 0.0)
+    rest = np.where(known[:, None], ball.vertices, anywhere[1])
     found = prepare_isometric(rest, target, ball.faces, np.arange(len(target)), known).posed(told)
     assert (~known).sum() > 10
     assert np.abs(found - centred(turn.apply(target)))[~known].max() < 0.08

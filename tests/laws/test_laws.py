@@ -134,7 +134,8 @@ def test_mirrored_in_mirrored_out(make, preset):
 
 @law("equal results for equal input")
 def test_equal_input_gives_equal_bits(make):
-    first, second = (prepare(actor(), actor("muscular"), make())(walk()).motion for _ in range(2))
+    motion = cut(walk(), 0.0, 1.0)
+    first, second = (prepare(actor(), actor("muscular"), make())(motion).motion for _ in range(2))
     assert np.array_equal(first.rotations, second.rotations)
     assert np.array_equal(first.translations, second.translations)
 
