@@ -47,6 +47,7 @@ class IsometricShape:
     target: Float[Array, "vertices 3"]
     """Both at rest, metres, vertex for vertex."""
     faces: Int[Array, "faces 3"]
+    """Those that the source has, over welded vertices."""
     normals: Float[Array, "vertices 3"]
     """Of the source, at rest."""
     starts: Int[Array, "_"]
@@ -79,7 +80,16 @@ class IsometricShape:
         matrices = np.empty((count, 3, 3))
         kernels.normals(source, self.faces, normals)
         kernels.vertex_turns(
-            self.source, self.normals, source, normals, self.starts, self.others, FLATNESS, self.donors, turns
+            self.source,
+            self.normals,
+            source,
+            normals,
+            self.starts,
+            self.others,
+            self.ratios,
+            FLATNESS,
+            self.donors,
+            turns,
         )
         kernels.mean_turns(turns, self.starts, self.others, mean)
         kernels.turned_edges(mean, self.shape, self.ratios, source, self.starts, self.others, matrices, edges)
@@ -128,9 +138,10 @@ def prepare_isometric(
     graph.data[:] = 1.0
     graph.sort_indices()
     degree = np.asarray(graph.sum(axis=1)).ravel()
-    donors = np.arange(count)
+    donors, told = np.arange(count), faces
     if known is not None and not known.all():
-        sources = np.flatnonzero(known & (degree > 0))
+        told = faces[known[faces].all(axis=1)]
+        sources = np.unique(told)
         if len(sources) == 0:
             raise RetargetError("no vertex of the target has a place on the source")
         _, _, donors = dijkstra(
@@ -143,10 +154,10 @@ def prepare_isometric(
     before, after = source[rows] - source[others], target[rows] - target[others]
     ratios = _ratios(before, after, (donors[rows] == rows) & (donors[others] == others))
     normals = np.empty((count, 3))
-    kernels.normals(source, faces, normals)
+    kernels.normals(source, told, normals)
     matrix = sparse.diags_array(degree + ANCHOR) - graph
     return IsometricShape(
-        source, target, faces, normals, starts, others, ratios, after - ratios[:, None] * before,
+        source, target, told, normals, starts, others, ratios, after - ratios[:, None] * before,
         donors.astype(np.int64), factor(matrix), welded,
     )  # fmt: skip
 

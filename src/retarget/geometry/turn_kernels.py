@@ -103,10 +103,10 @@ def _cofactor(n, row, column):
 
 
 @njit(**OPTIONS)
-def vertex_turns(rest, rest_normals, posed, posed_normals, starts, others, flatness, donors, q):
+def vertex_turns(rest, rest_normals, posed, posed_normals, starts, others, ratios, flatness, donors, q):
     """Rotations q (vertices x 4) from `rest` to `posed` of every vertex with its neighbours `others[starts[v]:starts[v + 1]]`,
-    its normal counting as `flatness` times their edges. A vertex whose `donor` is another gets that one's; a donor comes
-    from itself."""
+    its normal counting as `flatness` times their edges; edges whose `ratios` is 0 say nothing. A vertex whose `donor` is
+    another gets that one's; a donor comes from itself."""
     m = np.empty((3, 3))
     for vertex in range(len(rest)):
         if donors[vertex] != vertex:
@@ -115,6 +115,8 @@ def vertex_turns(rest, rest_normals, posed, posed_normals, starts, others, flatn
         size = 0.0
         for entry in range(starts[vertex], starts[vertex + 1]):
             other = others[entry]
+            if ratios[entry] == 0.0:
+                continue
             for j in range(3):
                 r = rest[other, j] - rest[vertex, j]
                 size += r * r
@@ -365,7 +367,7 @@ def compile_kernels() -> None:
     q[:, 3] = 1.0
     normals(places, faces, own)
     starts, others, donors = np.array([0, 2, 4, 6], np.int32), np.array([1, 2, 0, 2, 0, 1], np.int32), np.arange(3)
-    vertex_turns(places, own, places, own, starts, others, 0.5, donors, q)
+    vertex_turns(places, own, places, own, starts, others, np.ones(6), 0.5, donors, q)
     mean_turns(q, starts, others, q.copy())
     turned_edges(q, np.zeros((6, 3)), np.ones(6), places, starts, others, np.empty((3, 3, 3)), np.empty((3, 3)))
     group_turns(places, places, starts, others, np.full(6, 0.5), places, q, np.empty((3, 3)))
