@@ -334,5 +334,8 @@ def correction_lines(stats: Mapping[str, Any]) -> Iterator[str]:
     for name, words in (("still_inside", "still inside"), ("not_reached", "does not reach")):
         for row in stats.get(name, ()):
             yield f"  {row['parts'][0]} {words} {row['parts'][1]}: {row['cm']:.1f} cm at {row['at']:.2f} s"
+    if stats.get("contacts_of_its_girth"):
+        whole, girth = stats["contacts_of_the_source"], stats["contacts_of_its_girth"]
+        yield f"  {girth} of {whole} points that touch do so by the source's girth, not by its pose: they do not pull"
     for note in stats.get("stand_in", ()):
         yield f"  {note}"

@@ -185,3 +185,12 @@ def test_the_surface_can_be_smoothed():
     plain, smooth = (moved("child", low_pass=each).surface.vertices for each in (0.0, 0.1))
     jerk = [np.abs(np.diff(each, n=3, axis=0)).mean() for each in (plain, smooth)]
     assert jerk[1] < 0.5 * jerk[0] and np.abs(plain - smooth).max() < 0.02
+
+
+def test_contacts_of_the_source_s_girth_are_counted():
+    """Arms of a heavy body lie against its flanks; a thin one's hands are put on its hips."""
+    heavy = actor("heavy")
+    walk = cut(prepared(actor(), heavy, CopyRotations())(embedded_motion("walk")).motion, 0.0, 0.2)
+    stats = prepared(heavy, actor(), ShapeTransfer()).retargeter(walk).stats
+    assert 0 < stats["contacts_of_its_girth"] <= stats["contacts_of_the_source"]
+    assert moved("heavy").stats["contacts_of_its_girth"] == 0

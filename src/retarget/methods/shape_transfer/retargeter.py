@@ -100,6 +100,7 @@ class PreparedShapeTransfer(Retargeter):
         status, left = remaining(equations, frames, goals, x, chosen / motion.fps)
         stats = copied.stats | {
             "contacts_of_the_source": len(found.tracks.vertex),
+            "contacts_of_its_girth": int((found.tracks.pose_probability < 0.5).sum()),
             **corrections(equations, x, chosen / motion.fps),
             **left,
         }
