@@ -32,7 +32,6 @@ def bridged(
     place = np.searchsorted(known, missing)
     before, after = known[np.maximum(place - 1, 0)], known[np.minimum(place, len(known) - 1)]
     share = np.where(after > before, (missing - before) / np.maximum(after - before, 1), 0.0)
-    before = np.where(place == 0, after, before)
     filled = surface.copy()
     filled[missing] = surface[before] + share[:, None, None].astype(surface.dtype) * (surface[after] - surface[before])
     return filled, missing
