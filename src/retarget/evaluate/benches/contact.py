@@ -31,8 +31,8 @@ FOOT_POINTS = slice(0, 4)
 
 FOREIGN_SPLIT = "foreign"
 """Characters of other makers, judged through sensors; in no split of the summary."""
-ONE_MESH = frozenset({"deformation-transfer"})
-"""Methods for bodies of one mesh; they are not asked for characters of other makers."""
+SKELETAL = tuple(name for name in METHODS if name not in ("shape-transfer", "deformation-transfer"))
+"""Methods whose result is all in its joints; surfaces are judged by the bench of shape transfer."""
 FOREIGN_MOTIONS = ("hands_on_hips", "arms_crossed", "hand_to_shoulder", "hands_behind_head")
 SENSOR_CHECKED = ("heavy", "elderly", "toddler")
 """Bodies on which contacts are carried both ways, by the true correspondence and by sensors; quick runs take the last."""
@@ -60,7 +60,7 @@ def run(quick: bool = False, tell: Tell = untold) -> dict[str, Any]:
             if not countable.all():
                 unkeepable.append(_lost(case, touch, countable))
             judge = prepare_judge(touch, case.target)
-            for method in METHODS:
+            for method in SKELETAL:
                 tell(f"{method}: {performance.name} -> {case.target_name}", 1)
                 cases.append(measure(case, touch, judge, countable, method))
             if case.target_name in (SENSOR_CHECKED[-1:] if quick else SENSOR_CHECKED):
@@ -68,18 +68,13 @@ def run(quick: bool = False, tell: Tell = untold) -> dict[str, Any]:
         for name, target in foreign if performance.name in FOREIGN_MOTIONS else ():
             case = ContactCase(performance, name, target, FOREIGN_SPLIT)
             judge = prepare_judge(touch, target)
-            for method in (each for each in METHODS if each not in ONE_MESH):
+            for method in SKELETAL:
                 tell(f"{method}: {performance.name} -> {name}", 1)
                 cases.append(measure(case, touch, judge, None, method))
     splits = (*SPLITS, FOREIGN_SPLIT) if foreign else SPLITS
-    rows = [
-        by_split(cases, method, split)
-        for method in METHODS
-        for split in splits
-        if not (method in ONE_MESH and split == FOREIGN_SPLIT)
-    ]
+    rows = [by_split(cases, method, split) for method in SKELETAL for split in splits]
     summary: dict[str, Any] = collision.figures(quick, SEED, tell)
-    for method in METHODS:
+    for method in SKELETAL:
         prefix = "" if method == BASE else f"{method.replace('-', '_')}_"
         for key, better in KEYS.items():
             own = [row[key] for row in rows if row["method"] == method and row["split"] in SPLITS]
