@@ -37,7 +37,7 @@ class ShapeTransfer(CopySettings, Method):
     """What a contacts file asks for."""
     volumes: bool = True
     """Keep the volume of every part of the target."""
-    relax: int = 10
+    relax: int = 6
     """Steps of the paper towards the target's local offsets, against creases; with none, a body given its own shape keeps
     every crease of its skin."""
     flesh: bool = True
