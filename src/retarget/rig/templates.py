@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Int
 
-from retarget.body.human import human, human_model, human_vertices
+from retarget.body.human import human, human_model
 from retarget.body.kinematics import rest_pose
 from retarget.body.skinning import rest_vertices
 from retarget.character import Character, Skeleton
@@ -18,13 +18,12 @@ from retarget.correspond.landmarks import TIPS
 from retarget.errors import RetargetError
 from retarget.geometry.resample import Surface
 from retarget.rig.fit import HEIGHT
+from retarget.rig.human_shapes import shape_components
 from retarget.rig.template import AVERAGE, STYLISED, Parts, Structure, Template, human_structure, make_template
 from retarget.rig.working_surface import working_surfaces
 
 Array = np.ndarray
 
-BODIES, COMPONENTS = 300, 60
-"""Random embedded bodies, and the principal components kept of them."""
 ENDS = dict(zip(TIPS, ("crown", "leftMiddleTip", "rightMiddleTip", "leftBigToeTip", "rightBigToeTip")))
 """Landmarks of the embedded human at the body's ends."""
 
@@ -35,7 +34,7 @@ def human_template() -> Template:
     body."""
     character, model = human(height=HEIGHT), human_model()
     joints = {name: number for number, name in enumerate(model.joint_names)}
-    components = _components()
+    components = shape_components()
     structure = human_structure(joints)
     regressor = model.shape.regressor[structure.joints]
     ends = {name: model.landmark(landmark) for name, landmark in ENDS.items()}
@@ -137,25 +136,6 @@ def joint_landmarks(skeleton: Skeleton, surface: Surface, weights: Float[Array, 
             along = (surface.vertices - places[joint]) @ (places[joint] - places[skeleton.parents[joint]])
             found[skeleton.names[joint]] = int(np.where(heaviest == skeleton.parents[joint], along, -np.inf).argmax())
     return found
-
-
-def _components() -> Float[Array, "components vertices 3"]:
-    """Principal components of random embedded bodies of one height, one standard deviation each."""
-    draw = np.random.default_rng(7)
-    details = human_model().detail_names
-    bodies = []
-    for _ in range(BODIES):
-        shape = {"gender": draw.uniform(), "muscle": draw.uniform()}
-        shape["weight"] = draw.uniform(0.0, 1.3) if draw.random() < 0.85 else draw.uniform(1.3, 2.0)
-        shape["age"] = draw.uniform(0.4, 1.0) if draw.random() < 0.6 else draw.uniform(0.0, 0.4)
-        shape |= {str(name): draw.uniform(-0.8, 0.8) for name in draw.choice(details, 10, replace=False)}
-        body = human_vertices(**shape)
-        bodies.append(body / np.ptp(body[:, 1]) * HEIGHT)
-    away = np.stack(bodies).reshape(BODIES, -1)
-    away -= away.mean(axis=0)
-    _, vectors = np.linalg.eigh(away @ away.T)
-    components = vectors[:, : -COMPONENTS - 1 : -1].T @ away / np.sqrt(BODIES)
-    return components.reshape(COMPONENTS, -1, 3)
 
 
 def dense_weights(character: Character) -> Float[Array, "vertices joints"]:
