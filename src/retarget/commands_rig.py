@@ -129,9 +129,10 @@ def parse_landmarks(text: str) -> dict[str, int | Float[Array, "3"]]:
 
 def _account(order: RigOrder, found: Rigged) -> dict[str, Any]:
     character = found.character
-    tall = float(np.ptp(character.mesh.vertices[:, 1]))
+    mesh = character.mesh
+    tall = float(np.ptp(mesh.vertices[mesh.faces, 1]))  # vertices of no face are no body
     line = (
-        f"{order.output}: {len(character.mesh.vertices)} vertices, {len(character.skeleton)} joints, {tall:.2f} m tall, "
+        f"{order.output}: {len(mesh.vertices)} vertices, {len(character.skeleton)} joints, {tall:.2f} m tall, "
         f"confidence {found.confidence:.2f}"
     )
     told: Mapping[str, Any] = {

@@ -40,7 +40,7 @@ class Carried:
     """Joints of the template's skeleton that move each vertex."""
     weights: Float[Array, "vertices influences"]
     floor: float
-    """Height of the lowest vertex of the body itself."""
+    """Height of the lowest vertex of the body itself; vertices of no face are none of it."""
     top: float
     bare: tuple[str, ...]
     """Parts of the template that have next to nothing of the mesh."""
@@ -67,5 +67,6 @@ def carry(template: Template, laid: LaidOn, reading: Reading, mesh: Surface, hin
     turned = rigid_pieces(mesh, filling.of(places.of(model.weights)), away)
     rest = rest_from_pose(model, laid.state, turned, mesh.vertices)
     columns, weights = sparse_weights(rigid_pieces(mesh, filling.of(places.of(template.weights)), away))
-    body = rest[away < max(HELD_AWAY, float(np.median(away))), 1]
+    used = np.unique(mesh.faces)
+    body = rest[used[away[used] < max(HELD_AWAY, float(np.median(away[used])))], 1]
     return Carried(places, rest, columns, weights, float(body.min()), float(body.max()), tuple(bare))
