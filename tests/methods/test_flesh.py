@@ -32,7 +32,15 @@ def rows_of(flesh, count=40):
     shares = draw.dirichlet(np.ones(3), size=count)
     normals = draw.normal(size=(count, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    block = (first, np.ones((count, 1)), second, shares, normals, draw.uniform(0, 0.01, count), 60.0 * flesh.area[first[:, 0]])
+    block = (
+        first,
+        np.ones((count, 1)),
+        second,
+        shares,
+        normals,
+        draw.uniform(0, 0.01, count),
+        60.0 * flesh.area[first[:, 0]],
+    )
     return _assembled([block], flesh.collider.parts.welded)
 
 
@@ -89,7 +97,9 @@ def test_a_displacement_stays_near_the_one_before(flesh):
     rest = actor("heavy").character.mesh.vertices
     retargeter = prepared(actor(), actor("heavy"), ShapeTransfer()).retargeter
     still = cut(embedded_motion("walk"), 0.0, 0.0)
-    goals = retargeter.goals.online(still, prepared(actor(), actor("heavy"), CopyRotations())(still).motion, retargeter.solver.equations, 0.0, 0.0).frame(0)
+    goals = retargeter.goals.online(
+        still, prepared(actor(), actor("heavy"), CopyRotations())(still).motion, retargeter.solver.equations, 0.0, 0.0
+    ).frame(0)
     before = 0.002 * vertex_normals(rest, actor("heavy").character.mesh.faces)
     after = flesh.given(rest, replace(goals, weight=goals.weight[:0]), 1, before)
     share = (after * before).sum() / (before**2).sum()
@@ -107,5 +117,8 @@ def test_contacts_are_looked_at_on_the_frame_s_own_surface():
     own = equations.pose(frame.rotations[0], offsets, still, shape.surface).vertices
     skin = equations.pose(frame.rotations[0], offsets, still).vertices
     assert 0.001 < np.abs(own - skin).max() < 0.1
-    whole, rigid = (equations.linearise(frame.rotations[0], offsets, replace(goals, surface=each), still) for each in (shape.surface, None))
+    whole, rigid = (
+        equations.linearise(frame.rotations[0], offsets, replace(goals, surface=each), still)
+        for each in (shape.surface, None)
+    )
     assert np.abs(whole.right - rigid.right).max() > 1e-3 * np.abs(rigid.right).max()

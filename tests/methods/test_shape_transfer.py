@@ -12,6 +12,7 @@ from retarget.body.skinning import skin_motion
 from retarget.errors import RetargetError
 from retarget.evaluate.touch import observe, prepare_judge
 from retarget.methods import CopyRotations, ShapeTransfer
+from retarget.methods.shape_transfer.probe import surfaces_agree
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
 from retarget.retargeting import prepare
@@ -72,7 +73,7 @@ def test_skin_gives_way_where_joints_do_not_suffice():
     firm, soft = (moved("very_heavy", flesh=each).surface.vertices for each in (False, True))
     collider = fresh("very_heavy").solver.equations.collider
     sunk = [np.maximum(collider.depths(each), 0).sum() for each in (firm, soft)]
-    assert sunk[1] < 0.7 * sunk[0]
+    assert sunk[1] < 0.85 * sunk[0]
     assert np.abs(firm - soft).max() < 0.06
 
 
@@ -194,3 +195,21 @@ def test_contacts_of_the_source_s_girth_are_counted():
     stats = prepared(heavy, actor(), ShapeTransfer()).retargeter(walk).stats
     assert 0 < stats["contacts_of_its_girth"] <= stats["contacts_of_the_source"]
     assert moved("heavy").stats["contacts_of_its_girth"] == 0
+
+
+def test_surfaces_that_do_not_match_leave_the_target_its_own_skin():
+    """A body whose hands lie where another's feet do: the shape that comes of it is no shape."""
+    retargeter = prepare(actor(), actor("heavy"), ShapeTransfer()).retargeter
+    agree, away = surfaces_agree(retargeter.shape, retargeter.copier, retargeter.solver.equations)
+    assert agree and away < 0.02
+    mixed = np.random.default_rng(2).permutation(len(retargeter.shape.isometric.source))
+    broken = replace(
+        retargeter.shape, isometric=replace(retargeter.shape.isometric, source=retargeter.shape.isometric.source[mixed])
+    )
+    agree, away = surfaces_agree(broken, retargeter.copier, retargeter.solver.equations)
+    assert not agree and away > 0.06
+    plain = replace(retargeter, shape=None, note="as told", last=[], steps=[0])
+    made = plain(cut(embedded_motion("hands_on_hips"), 1.2, 1.25))
+    assert made.stats["shape"] == "as told" and np.isfinite(made.surface.vertices).all()
+    pose, vertices = plain.step_surface(embedded_motion("hands_on_hips").pose(36))
+    assert np.isfinite(vertices).all() and len(pose.rotations) == len(body("heavy").skeleton)

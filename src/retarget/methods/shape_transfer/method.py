@@ -9,6 +9,7 @@ from retarget.contact.contact_file import ContactEdits
 from retarget.errors import RetargetError
 from retarget.methods.base import Method
 from retarget.methods.shape_transfer.flesh import prepare_flesh
+from retarget.methods.shape_transfer.probe import surfaces_agree
 from retarget.methods.shape_transfer.retargeter import PreparedShapeTransfer
 from retarget.methods.shape_transfer.shape import prepare_shape
 from retarget.motion.align import Actor
@@ -23,7 +24,8 @@ class ShapeTransfer(CopySettings, Method):
     the target's volumes, contacts of the pose are kept and nothing sinks in.
 
     The pose comes from the surface, not from joints, so performances are carried that no skeleton holds: the source's joints
-    only say where its path leads and what rests on the ground. Turns of the target's joints settle contacts, as in
+    only say where its path leads and what rests on the ground. Where the surfaces do not match (a doll of loose pieces, a
+    figure with another build), the target's own skin in the copied pose takes the place of that shape, which is said. Turns of the target's joints settle contacts, as in
     `interaction`; what is then left, the skin itself gives way to. The result has a surface of its own (`Result.surface`)
     beside the skeletal motion that fits it best.
     """
@@ -62,4 +64,9 @@ class ShapeTransfer(CopySettings, Method):
             mesh, rest = target.character.mesh, shape.isometric.target
             flesh = prepare_flesh(equations.collider, rest, mesh.faces, target.height, equations.threshold)
         copier = prepare_copier(replace(self, foot_lock=self.foot_lock and edits.kind("ground") > 0), source, target)
+        if shape.onto_source.by_sensors is not None:
+            agree, away = surfaces_agree(shape, copier, equations)
+            if not agree:
+                note = f"the surfaces do not match ({100 * away:.0f} % of the height off): the target's skin follows its joints"
+                return PreparedShapeTransfer(self, copier, goals, solver, None, flesh, note)
         return PreparedShapeTransfer(self, copier, goals, solver, shape, flesh)

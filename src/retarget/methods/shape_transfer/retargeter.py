@@ -12,8 +12,8 @@ from retarget.body.kinematics import forward, local_positions, world_pose
 from retarget.character import MeshMotion, Motion, Pose
 from retarget.contact.contact_edits import without_effect
 from retarget.errors import RetargetError
-from retarget.methods.base import Result, Retargeter
 from retarget.geometry.bridging import bridged, is_finite
+from retarget.methods.base import Result, Retargeter
 from retarget.methods.shape_transfer.flesh import Flesh
 from retarget.methods.shape_transfer.shape import PosedShape, ShapeCarrier
 from retarget.motion.copy_clip import Copier
@@ -67,8 +67,11 @@ class PreparedShapeTransfer(Retargeter):
     copier: Copier
     goals: GoalMaker
     solver: Solver
-    shape: ShapeCarrier
+    shape: ShapeCarrier | None
+    """None where the surfaces do not match: the target's skin in the copied pose is the shape."""
     flesh: Flesh | None
+    note: str = ""
+    """What was decided for the pair."""
     last: list[_Last] = field(default_factory=list)
     """What the last online frame left."""
     steps: list[int] = field(default_factory=lambda: [0])
@@ -86,14 +89,15 @@ class PreparedShapeTransfer(Retargeter):
                 f"the surface must have {len(motion)} frames of {len(skinner.homogeneous)} vertices, received {posed.shape}"
             )
         posed, missing = bridged(posed)
-        shapes = [self.shape.posed(frame) for frame in posed]
-        copied = self.copier.clip(motion, np.stack([shape.turned for shape in shapes]))
+        shapes = [None if self.shape is None else self.shape.posed(frame) for frame in posed]
+        copied = self.copier.clip(motion, None if self.shape is None else np.stack([each.turned for each in shapes]))
         chosen, fps = solved_frames(motion)
         frames = frames_of(copied.motion, chosen)
         touching = None if copied.contacts is None else copied.contacts.touching[chosen]
         performed = replace(frames_of(motion, chosen), fps=fps, name=motion.name)
         found, goals = self.goals.clip(performed, frames, equations, touching)
-        goals = replace(goals, surfaces=tuple(shapes[frame].surface for frame in chosen))
+        if self.shape is not None:
+            goals = replace(goals, surfaces=tuple(shapes[frame].surface for frame in chosen))
         x = solve_clip(self.solver, frames, goals, fps, PATIENCE)
         if self.copier.settings.in_place:
             x[:, [-3, -1]] = 0.0  # across the ground the body stays where it is
@@ -107,6 +111,8 @@ class PreparedShapeTransfer(Retargeter):
         idle = without_effect(found, self.goals.edits.of_clip(motion.name), fps, len(chosen))
         if idle:
             stats["contacts_file_without_effect"] = idle
+        if self.note:
+            stats["shape"] = self.note
         if len(missing):
             stats["bridged_frames"] = missing.tolist()
         whole = between(x, chosen, len(motion))
@@ -146,7 +152,7 @@ class PreparedShapeTransfer(Retargeter):
         equations, seconds = self.solver.equations, self.steps[0] / self.settings.step_fps
         source = one_frame(pose, self.copier.source.skeleton)
         found = self.goals.online(source, frame, equations, seconds, self.copier.floor)
-        goals = replace(found.frame(0), surface=shape.surface)
+        goals = replace(found.frame(0), surface=None if shape is None else shape.surface)
         now = solve_next(
             self.solver, frame, goals, last.before if last else None, self.settings.step_fps, True, PATIENCE
         )
@@ -171,8 +177,10 @@ class PreparedShapeTransfer(Retargeter):
             raise RetargetError(f"the surface must have {expected[0]} vertices, received {surface.shape}")
         return bool(is_finite(surface))
 
-    def _shaped(self, pose: Pose, surface: Array | None) -> tuple[Motion, PosedShape]:
+    def _shaped(self, pose: Pose, surface: Array | None) -> tuple[Motion, PosedShape | None]:
         """The copied pose as a motion of one frame, and the shape in it."""
+        if self.shape is None:
+            return one_frame(self.copier.step(pose), self.copier.target.skeleton), None
         if surface is None:
             skeleton = self.copier.source.skeleton
             local = local_positions(skeleton, pose.translations[None], pose.moved)
@@ -182,7 +190,11 @@ class PreparedShapeTransfer(Retargeter):
         return one_frame(self.copier.step(pose, shape.turned), self.copier.target.skeleton), shape
 
     def _surfaces(
-        self, copied: Motion, x: Float[Array, "frames unknowns"], shapes: list[PosedShape], goals: list[FrameGoals]
+        self,
+        copied: Motion,
+        x: Float[Array, "frames unknowns"],
+        shapes: list[PosedShape | None],
+        goals: list[FrameGoals],
     ) -> Float[Array, "frames vertices 3"]:
         """The target's vertices on every frame. Skin gives way as on the frame before, and smoothly over time: nearest points
         hop from one to another, and dents with them."""
@@ -196,8 +208,12 @@ class PreparedShapeTransfer(Retargeter):
                 given[frame] = before
         return vertices + gaussian(given, SOFT * copied.fps)
 
-    def _turned(self, rotations: Array, offsets: Array, x: Array, shape: PosedShape) -> Float[Array, "vertices 3"]:
+    def _turned(
+        self, rotations: Array, offsets: Array, x: Array, shape: PosedShape | None
+    ) -> Float[Array, "vertices 3"]:
         """The shape with its joints turned, creases relaxed and parts at their volumes."""
+        if shape is None:
+            return self.solver.equations.pose(rotations, offsets, x).vertices
         vertices = self.solver.equations.pose(rotations, offsets, x, shape.surface).vertices
         vertices = self.shape.offsets.relaxed(vertices, self.settings.relax)
         return vertices if self.shape.volumes is None else self.shape.volumes.kept(vertices)

@@ -8,7 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from retarget.body import rotations as rot
-from retarget.body.skinning import rest_vertices
+from retarget.body.kinematics import forward, local_positions
+from retarget.body.skinning import prepare_skinning, rest_vertices
+from retarget.character import Pose
 from retarget.contact.carried import CarriedVertices, carry_vertices
 from retarget.contact.collide import Collider
 from retarget.contact.part_volumes import PartVolumes, prepare_volumes
@@ -16,6 +18,7 @@ from retarget.errors import RetargetError
 from retarget.geometry.isometric import IsometricShape, prepare_isometric
 from retarget.geometry.local_offsets import LocalOffsets, prepare_offsets
 from retarget.motion.align import Actor
+from retarget.motion.copy_clip import CopySettings, prepare_copier
 from retarget.motion.joint_frames import JointFrames, prepare_frames
 from retarget.motion.touch.goals import FrameSurface
 
@@ -73,7 +76,8 @@ def prepare_shape(source: Actor, target: Actor, collider: Collider, keep_volumes
     if source.character.skin is None:
         raise RetargetError("the source has no surface; shape transfer gives the target's shape to the source's")
     onto = carry_vertices(target.character, target.humanoid, source.character, source.humanoid)
-    rest, own = rest_vertices(source.character), rest_vertices(target.character)
+    own = rest_vertices(target.character)
+    rest = _as_target_rests(source, target)
     known = onto.trusted(np.arange(len(own)))
     faces = target.character.mesh.faces
     isometric = prepare_isometric(on_target(onto, rest, len(own)), own, faces, collider.parts.welded, known)
@@ -82,3 +86,14 @@ def prepare_shape(source: Actor, target: Actor, collider: Collider, keep_volumes
     return ShapeCarrier(
         isometric, offsets, volumes, prepare_frames(target.character), target.character.skin.joints, onto
     )
+
+
+def _as_target_rests(source: Actor, target: Actor) -> Float[Array, "vertices 3"]:
+    """The source's vertices in the pose in which the target rests (metres): its own rest pose may be another, and turns of its
+    skin are to be counted from there."""
+    skeleton = target.skeleton
+    back = prepare_copier(CopySettings(foot_lock=False, limits=False), target, source)
+    pose = back.step(Pose(skeleton.rest_rotations, skeleton.offsets[:1]))
+    local = local_positions(source.skeleton, pose.translations[None], pose.moved)
+    world = forward(source.skeleton.parents, pose.rotations[None], local)
+    return prepare_skinning(source.character).vertices(*world)[0].astype(np.float64)
