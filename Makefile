@@ -33,6 +33,7 @@ bench: setup
 	@$(BIN)/retarget bench contact
 	@$(BIN)/retarget bench interaction
 	@$(BIN)/retarget bench rig-transfer
+	@$(BIN)/retarget bench shape-transfer
 
 clean:
 	rm -rf $(VENV) out build *.egg-info src/*.egg-info
