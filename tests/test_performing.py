@@ -13,6 +13,7 @@ from retarget.errors import RetargetError
 from retarget.io import load, save, save_sequence
 from retarget.motion.filter import cut_surface
 from retarget.motion.fit import fit_motion
+from retarget.motion.joint_frames import prepare_frames
 from retarget.motion.library import embedded_motion, performer
 from retarget.motion.touch.mend import frames_of
 from retarget.performing import cast_sequence
@@ -106,13 +107,14 @@ def test_a_moving_surface_drives_a_character_by_shape_transfer():
 def test_fitting_gives_back_the_motion_of_a_skin():
     motion = frames_of(embedded_motion("walk"), np.arange(0, 12, 3))
     surface = skin_motion(performer(), motion).astype(np.float64)
-    made = fit_motion(performer(), surface, 30.0)
+    frames = prepare_frames(performer())
+    made = fit_motion(frames, surface, 30.0)
     assert np.linalg.norm(skin_motion(performer(), made) - surface, axis=-1).max() < 0.03
     with pytest.raises(RetargetError, match="vertices, the surface is an array of"):
-        fit_motion(performer(), surface[:, :-1], 30.0)
+        fit_motion(frames, surface[:, :-1], 30.0)
     surface[1, 0] = np.nan
     with pytest.raises(RetargetError, match="frame 1 are not finite"):
-        fit_motion(performer(), surface, 30.0)
+        fit_motion(frames, surface, 30.0)
 
 
 def test_a_part_of_a_sequence():
@@ -154,3 +156,30 @@ def test_what_a_surface_cannot_be_is_said_before_any_work(tmp_path, command, wor
     code, _, err = command("run", tmp_path / "frames", tmp_path / "heavy.glb", *made)
     assert code == 2 and text in err and len(err.strip().splitlines()) == 1
     assert not list(tmp_path.glob("made*"))
+
+
+def test_contacts_of_a_sequence_are_listed(tmp_path, command):
+    save_sequence(tmp_path / "hips.npz", sequence())
+    code, out, err = command("contacts", tmp_path / "hips.npz", "-o", tmp_path / "contacts.toml")
+    assert code == 0, err
+    assert "Hand" in out and (tmp_path / "contacts.toml").exists()
+    save(tmp_path / "heavy.glb", heavy(), [])
+    code, _, err = command(
+        "run",
+        tmp_path / "hips.npz",
+        tmp_path / "heavy.glb",
+        "-o",
+        tmp_path / "a.glb",
+        "--contacts",
+        tmp_path / "contacts.toml",
+        "--report",
+        tmp_path / "a.html",
+    )
+    assert code == 0, err
+    assert (tmp_path / "a.html").stat().st_size > 10_000
+    assert load(tmp_path / "a.glb").clips[0].made_from.file == "hips.npz"
+
+
+def test_a_sequence_brings_its_own_performer():
+    with pytest.raises(RetargetError, match="source and clip do not apply"):
+        retarget(sequence(), heavy(), clip="walk")

@@ -16,9 +16,11 @@ from retarget.contact.contact_list import ContactEvent, contact_events
 from retarget.contact.detect import prepare_contacts
 from retarget.errors import FileError, RetargetError
 from retarget.io import load
+from retarget.io.asset import Asset
 from retarget.motion.align import Actor
-from retarget.motion.filter import cut, resample
+from retarget.motion.filter import cut, cut_surface, resample
 from retarget.motion.stand_in import fit_stand_in
+from retarget.performing import cast_sequence
 
 log = logging.getLogger("retarget")
 
@@ -53,15 +55,7 @@ def find_contacts(search: Search) -> dict[str, Any]:
 
         joints = read_map(search.map_file)["source"] or None
     asset = load(search.source, smpl_model=search.smpl_model)
-    if search.clip is None and len(asset.clips) > 1:
-        first = asset.clips[0].name
-        log.warning("%s holds %d clips; taking the first, %r (--clip NAME to choose)", asset.path, len(asset.clips), first)
-    motion = asset.motion(search.clip if search.clip is not None else 0)
-    actor = cast(asset, Hints(joints, search.up, search.unit), motion)
-    motion = actor.house_from_file.motion(motion)
-    if search.start is not None or search.end is not None:
-        motion = cut(motion, search.start, search.end)
-    actor, motion, notes = _with_surface(actor, resample(motion, min(FPS, motion.fps)))
+    actor, motion, notes = _performance(asset, search, Hints(joints, search.up, search.unit))
     detector = prepare_contacts(actor.character, actor.humanoid)
     events = contact_events(detector.clip(*world_pose(motion), motion.fps), motion.fps)
     if search.output is not None:
@@ -72,6 +66,27 @@ def find_contacts(search: Search) -> dict[str, Any]:
         "output": None if search.output is None else str(search.output), "notes": list(notes),
         "lines": [*(f"note: {note}" for note in notes), *_lines(search, events)],
     }  # fmt: skip
+
+
+def _performance(asset: Asset, search: Search, hints: Hints) -> tuple[Actor, Motion, tuple[str, ...]]:
+    """Who performs what, with a surface, and notes on that. A mesh sequence gets a rig first."""
+    if asset.sequence is not None:
+        if search.clip is not None:
+            raise FileError(asset.path, "holds one mesh sequence: --clip does not apply")
+        try:
+            performer = cast_sequence(cut_surface(asset.sequence, search.start, search.end), hints, asset.convention)
+        except RetargetError as error:
+            raise FileError(asset.path, str(error)) from None
+        return performer.actor, resample(performer.motion, min(FPS, performer.motion.fps)), performer.notes
+    if search.clip is None and len(asset.clips) > 1:
+        first = asset.clips[0].name
+        log.warning("%s holds %d clips; taking the first, %r (--clip NAME to choose)", asset.path, len(asset.clips), first)
+    motion = asset.motion(search.clip if search.clip is not None else 0)
+    actor = cast(asset, hints, motion)
+    motion = actor.house_from_file.motion(motion)
+    if search.start is not None or search.end is not None:
+        motion = cut(motion, search.start, search.end)
+    return _with_surface(actor, resample(motion, min(FPS, motion.fps)))
 
 
 def _with_surface(actor: Actor, motion: Motion) -> tuple[Actor, Motion, tuple[str, ...]]:

@@ -301,6 +301,10 @@ def run_bench(
         else:
             with _sheets(pictures, name) as show:
                 report = load_bench(name).run(quick=quick, tell=tell, show=show)
+            if report.get("energies"):
+                from retarget.view.energy_curves import save_energies
+
+                save_energies(pictures / f"{name}-energies.png", report["energies"], "Basset 2019, thin to heavy, hands on hips")
     if gate:
         worse = regressions(report["summary"], bounds)
         verdict = [f"{len(bounds)} figures within the baseline"] if not worse else ["worse than the baseline:", *worse]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
@@ -30,7 +31,7 @@ from retarget.methods import Result, save_results
 from retarget.motion.filter import cut, cut_surface, resample
 from retarget.performing import Performer, cast_sequence
 from retarget.progress import Tell, progress_line
-from retarget.retargeting import Production, prepare, prepare_performer
+from retarget.retargeting import Production, prepare
 
 log = logging.getLogger("retarget")
 
@@ -102,8 +103,8 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
             for clip in wanted:
                 tell(f"retargeting {file.stem}")
                 if performer is not None:
-                    motion = part = replace(performer.motion, made_from=Provenance.whole(file, performer.motion))
-                    production = prepare_performer(performer, target, order.method, **settings)
+                    motion = part = replace(performer.motion, made_from=_sequence_part(file, performer.motion, order))
+                    production = prepare(performer, target, order.method, **settings)
                 else:
                     part = _part(file, asset.motion(clip), order)
                     motion = _at_rate(part, order)
@@ -286,6 +287,12 @@ def _wanted_clips(asset: Asset, order: Order) -> list[int]:
     return [0]
 
 
+def _sequence_part(file: Path, motion: Motion, order: Order) -> Provenance:
+    """What of a mesh sequence was taken, in its own seconds."""
+    start = math.ceil((order.start or 0.0) * motion.fps - 1e-9) / motion.fps
+    return replace(Provenance.whole(file, motion), start=start, end=start + motion.seconds)
+
+
 def _part(file: Path, motion: Motion, order: Order) -> Motion:
     """What is taken of a clip, which remembers where it was taken from."""
     motion = replace(motion, made_from=Provenance.whole(file, motion))
@@ -334,6 +341,8 @@ def correction_lines(stats: Mapping[str, Any]) -> Iterator[str]:
     for name, words in (("still_inside", "still inside"), ("not_reached", "does not reach")):
         for row in stats.get(name, ()):
             yield f"  {row['parts'][0]} {words} {row['parts'][1]}: {row['cm']:.1f} cm at {row['at']:.2f} s"
+    if stats.get("source_inside_itself_cm", 0) >= 0.5:
+        yield f"  the source is up to {stats['source_inside_itself_cm']:.1f} cm inside itself; that may stay, no deeper"
     if stats.get("contacts_of_its_girth"):
         whole, girth = stats["contacts_of_the_source"], stats["contacts_of_its_girth"]
         yield f"  {girth} of {whole} points that touch do so by the source's girth, not by its pose: they do not pull"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from retarget.body import rotations as rot
 from retarget.casting import Hints, cast
@@ -14,6 +14,7 @@ from retarget.errors import RetargetError
 from retarget.io.asset import Convention
 from retarget.motion.align import AXES, Actor
 from retarget.motion.fit import fit_motion
+from retarget.motion.joint_frames import prepare_frames
 from retarget.progress import Tell, untold
 from retarget.rig.rigging import Rigged, rig
 
@@ -30,7 +31,7 @@ class Performer:
     actor: Actor
     motion: Motion
     """Of the actor, as the surface shows it."""
-    surface: Float[Array, "frames vertices 3"]
+    surface: Shaped[Array, "frames vertices 3"]
     """The surface itself, metres, +Y up; vertices are the actor's."""
     notes: tuple[str, ...]
 
@@ -40,16 +41,17 @@ def cast_sequence(
 ) -> Performer:
     """Rig a mesh sequence by the first of its frames that can be, and fit that rig to all of them.
 
-    Up axis and unit are the hints', else the file's, else +Y and what makes a plausible height. Raises `RetargetError` where no frame can be rigged.
+    Up axis and unit are the hints', else the file's, else +Y and what makes a plausible height. Raises `RetargetError` where no
+    frame can be rigged.
     """
     hints = hints or Hints()
     known = convention or Convention()
     upright = _upright(hints.up or known.up or "+y")
-    vertices = rot.rotate(upright, sequence.vertices.astype(np.float64))
+    vertices = sequence.vertices @ rot.to_matrix(upright).T.astype(np.float32)
     rigged, frame = _rigged(sequence, vertices, hints.unit or known.metres_per_unit, tell)
-    surface = vertices * rigged.unit
+    surface = vertices * np.float32(rigged.unit)
     character: Character = replace(rigged.character, name=sequence.name or "the mesh sequence")
-    motion = fit_motion(character, surface, sequence.fps, sequence.name)
+    motion = fit_motion(prepare_frames(character), surface, sequence.fps, sequence.name)
     notes = (f"rigged by frame {frame}, with confidence {rigged.confidence:.2f}", *rigged.notes)
     actor = cast(character)
     return Performer(replace(actor, notes=(*notes, *actor.notes)), motion, surface, notes)
@@ -60,7 +62,7 @@ def _rigged(sequence: MeshMotion, vertices: Array, unit: float | None, tell: Tel
     why: RetargetError | None = None
     for frame in tried.tolist():
         try:
-            return rig(replace(sequence.mesh, vertices=vertices[frame]), unit=unit, tell=tell), frame
+            return rig(replace(sequence.mesh, vertices=vertices[frame].astype(np.float64)), unit=unit, tell=tell), frame
         except RetargetError as error:
             why = why or error
     raise RetargetError(f"none of its {len(tried)} frames that were tried can be rigged; of the first: {why}")

@@ -25,6 +25,7 @@ from retarget.performing import Performer, cast_sequence
 Array = np.ndarray
 log = logging.getLogger("retarget")
 
+
 def choose_method(name: str = "auto", settings: Mapping[str, Any] | None = None) -> Method:
     """A method by name with its settings; 'auto' is the one for a target with a surface (`prepare` knows better).
 
@@ -55,7 +56,10 @@ class Production:
     """Which method works, and why that one: a sentence."""
 
     def __call__(
-        self, motion: Motion, made_from: Provenance | None = None, surface: Float[Array, "frames vertices 3"] | None = None
+        self,
+        motion: Motion,
+        made_from: Provenance | None = None,
+        surface: Float[Array, "frames vertices 3"] | None = None,
     ) -> Result:
         """Retarget one clip of the source, given in the source file's own unit and axes.
 
@@ -69,23 +73,16 @@ class Production:
         return replace(result, stats=result.stats | {"notes": [*self.notes, *notes]})
 
 
-def prepare_performer(performer: Performer, target: Actor, method: str | Method = "auto", **settings: Any) -> Production:
-    """`prepare` for a mesh sequence: 'auto' is shape transfer, where the target has a surface."""
-    if method == "auto" and target.character.skin is not None:
-        made = prepare(performer.actor, target, "shape-transfer", **settings)
-        return replace(made, method="method: shape-transfer, since the source is a moving surface")
-    return prepare(performer.actor, target, method, **settings)
-
-
-def prepare(source: Actor, target: Actor, method: str | Method = "auto", **settings: Any) -> Production:
+def prepare(source: Actor | Performer, target: Actor, method: str | Method = "auto", **settings: Any) -> Production:
     """Match a source and a target once, for many clips.
 
     Settings are the method's fields (`CopyRotations`: foot_lock, steady, limits, in_place). 'auto' is interaction for a
-    target with a surface and copy-rotations for one without; where a surface cannot serve (no part of it is body, whole
-    limbs are missing), 'auto' copies rotations and says so. Raises `RetargetError` for an unknown method or setting, or
-    bodies that do not match.
+    target with a surface (shape transfer where a moving surface performs) and copy-rotations for one without; where a surface
+    cannot serve (no part of it is body, whole limbs are missing), 'auto' copies rotations and says so. Raises `RetargetError`
+    for an unknown method or setting, or bodies that do not match.
     """
-    target = with_grafts(target)
+    target, moving = with_grafts(target), isinstance(source, Performer)
+    source = source.actor if moving else source
     if method != "auto":
         chosen = method if isinstance(method, Method) else choose_method(method, settings)
         said = f"method: {_method_name(chosen)}, as asked"
@@ -94,9 +91,10 @@ def prepare(source: Actor, target: Actor, method: str | Method = "auto", **setti
     if target.character.skin is None:
         said = "method: copy-rotations, since the character has no surface that could touch itself"
         return Production(source, target, plain.prepare(source, target), method=said)
-    touching = choose_method("auto", settings)
+    touching = choose_method("shape-transfer" if moving else "auto", settings)
     try:
-        said = "method: interaction, since the character has a surface that can touch itself"
+        why = "the source is a moving surface" if moving else "the character has a surface that can touch itself"
+        said = f"method: {_method_name(touching)}, since {why}"
         return Production(source, target, touching.prepare(source, target), method=said)
     except RetargetError as error:
         prepared = plain.prepare(source, target)  # raises where the bodies do not match at all
@@ -132,9 +130,13 @@ def retarget(
     if isinstance(motion, (str, Path)):
         motion = open_asset(motion)
     if isinstance(motion, MeshMotion) or (isinstance(motion, Asset) and motion.sequence is not None):
-        sequence, convention = (motion, None) if isinstance(motion, MeshMotion) else (motion.sequence, motion.convention)
+        if source is not None or clip is not None:
+            raise RetargetError("a mesh sequence is its own performer and has one clip: source and clip do not apply")
+        sequence, convention = (
+            (motion, None) if isinstance(motion, MeshMotion) else (motion.sequence, motion.convention)
+        )
         seen = cast_sequence(sequence, source_hints, convention)
-        production = prepare_performer(seen, cast(target, target_hints), method, **settings)
+        production = prepare(seen, cast(target, target_hints), method, **settings)
         return production(seen.motion, surface=seen.surface)
     if isinstance(motion, Motion):
         moving, performer = motion, source if source is not None else Character(motion.skeleton, name="the motion")

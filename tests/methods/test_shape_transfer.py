@@ -9,6 +9,8 @@ from made_motions import actor, body, cast_by_names, prepared
 
 from retarget import load
 from retarget.body.skinning import skin_motion
+from retarget.character import Mesh
+from retarget.contact.collide import prepare_collider
 from retarget.errors import RetargetError
 from retarget.evaluate.touch import observe, prepare_judge
 from retarget.methods import CopyRotations, ShapeTransfer
@@ -211,3 +213,65 @@ def test_surfaces_that_do_not_match_leave_the_target_its_own_skin():
     assert made.stats["shape"] == "as told" and np.isfinite(made.surface.vertices).all()
     pose, vertices = plain.step_surface(embedded_motion("hands_on_hips").pose(36))
     assert np.isfinite(vertices).all() and len(pose.rotations) == len(body("heavy").skeleton)
+
+
+def test_surfaces_with_seams_stay_whole():
+    """Files double vertices along texture seams: the copies move as one, dents included, and nothing else changes."""
+    source, target = (with_seam(body(name)) for name in ("thin", "heavy"))
+    made = prepare(cast_by_names(source), cast_by_names(target), ShapeTransfer()).retargeter(hands_on_hips())
+    count = len(body("heavy").mesh.vertices)
+    copies = np.arange(count, len(target.mesh.vertices))
+    assert len(copies) > 50
+    firsts = prepare_collider(target, cast_by_names(target).humanoid).parts.welded[copies]
+    assert np.abs(made.surface.vertices[:, copies] - made.surface.vertices[:, firsts]).max() < 1e-6
+    assert np.abs(made.surface.vertices[:, :count] - moved("heavy").surface.vertices).max() < 0.001
+
+
+def with_seam(character):
+    """The same body cut open along its midline."""
+    mesh, skin = character.mesh, character.skin
+    left = mesh.vertices[mesh.faces].mean(axis=1)[:, 0] > 0
+    shared = np.intersect1d(mesh.faces[left], mesh.faces[~left])
+    copy = np.arange(len(mesh.vertices))
+    copy[shared] = len(mesh.vertices) + np.arange(len(shared))
+    faces = np.where(left[:, None], copy[mesh.faces], mesh.faces)
+    doubled = Mesh(np.concatenate([mesh.vertices, mesh.vertices[shared]]), faces)
+    columns, weights = (np.concatenate([each, each[shared]]) for each in (skin.columns, skin.weights))
+    return replace(character, mesh=doubled, skin=replace(skin, columns=columns, weights=weights), origin=None)
+
+
+@pytest.mark.parametrize("fault", ["holes", "no feet", "needles"])
+def test_poor_meshes_are_finite(fault):
+    character, draw = body("heavy"), np.random.default_rng(1)
+    vertices, faces = character.mesh.vertices.copy(), character.mesh.faces
+    if fault == "holes":
+        faces = faces[draw.random(len(faces)) > 0.05]
+    elif fault == "no feet":
+        parts = prepare_collider(character, actor("heavy").humanoid).parts
+        faces = faces[~np.isin(parts.face_parts, [parts.index("leftFoot"), parts.index("rightFoot")])]
+    else:
+        vertices[faces[100:120, 1]] = vertices[faces[100:120, 0]]
+    poor = replace(character, mesh=Mesh(vertices, faces), origin=None)
+    made = prepare(actor(), cast_by_names(poor), ShapeTransfer()).retargeter(cut(hands_on_hips(), 0.0, 0.1))
+    assert np.isfinite(made.surface.vertices).all() and np.isfinite(made.motion.rotations).all()
+
+
+def test_what_the_source_has_inside_itself_is_told_and_no_deeper():
+    heavy = actor("very_heavy")
+    sunk = prepared(actor(), heavy, CopyRotations()).retargeter(cut(embedded_motion("hands_on_hips"), 2.0, 2.0)).motion
+    made = prepared(heavy, actor("heavy"), ShapeTransfer()).retargeter(sunk)
+    collider = made_collider("heavy")
+    before = made_collider("very_heavy").depths(skin_motion(body("very_heavy"), sunk).astype(np.float64))
+    after = collider.depths(made.surface.vertices.astype(np.float64))
+    assert made.stats["source_inside_itself_cm"] > 1.0
+    assert (after > 0.001).sum() <= (before > 0.001).sum() and after.max() <= 1.1 * before.max()
+
+
+def made_collider(preset):
+    return prepare_collider(body(preset), actor(preset).humanoid)
+
+
+def test_more_than_memory_holds_is_refused(monkeypatch):
+    monkeypatch.setattr("retarget.methods.shape_transfer.retargeter.MOST_ROOM", 1_000_000)
+    with pytest.raises(RetargetError, match="take at most 2 frames at a time"):
+        fresh("heavy")(hands_on_hips())

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from retarget.contact.collide import Collider
+from retarget.geometry.topology import adjacency
 
 Array = np.ndarray
 
@@ -86,10 +87,7 @@ def prepare_volumes(collider: Collider, rest: Float[Array, "vertices 3"], faces:
         members.append(np.unique(corners[corners < count]))
         shares[members[-1], solid] = 1.0
     shares /= np.maximum(shares.sum(axis=1, keepdims=True), 1.0)
-    first, second = (np.concatenate([faces[:, corner] for corner in order]) for order in ((0, 1, 2), (1, 2, 0)))
-    graph = sparse.csr_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
-    graph = graph + graph.T + sparse.identity(count, format="csr")
-    graph.data[:] = 1.0
+    graph = adjacency(faces, count) + sparse.identity(count, format="csr")
     spread = sparse.diags_array(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph
     for _ in range(SPREAD):
         shares = spread @ shares

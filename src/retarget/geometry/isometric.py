@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Int
 
 from retarget.errors import RetargetError
 from retarget.geometry.cholesky import Factor, factor
-from retarget.geometry.topology import pieces, proper
+from retarget.geometry.topology import adjacency, pieces, proper
 
 Array = np.ndarray
 
@@ -127,16 +127,8 @@ def prepare_isometric(
     if len(faces) == 0:
         raise RetargetError("the surface has no faces; a shape is carried along its edges")
     count = len(target)
-    first = np.concatenate([faces[:, corner] for corner in (0, 1, 2)])
-    second = np.concatenate([faces[:, corner] for corner in (1, 2, 0)])
     bridges = _bridges(target, faces, np.flatnonzero(welded == np.arange(count)))
-    first, second = np.concatenate([first, bridges[:, 0]]), np.concatenate([second, bridges[:, 1]])
-    ones = np.ones(2 * len(first))
-    graph = sparse.csr_matrix(
-        (ones, (np.concatenate([first, second]), np.concatenate([second, first]))), shape=(count, count)
-    )
-    graph.data[:] = 1.0
-    graph.sort_indices()
+    graph = adjacency(np.concatenate([faces, bridges[:, [0, 1, 1]]]), count)
     degree = np.asarray(graph.sum(axis=1)).ravel()
     donors, told = np.arange(count), faces
     if known is not None and not known.all():

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from retarget.geometry.topology import adjacency
+
 Array = np.ndarray
 
 SHARE = 0.3
@@ -50,19 +52,11 @@ def prepare_offsets(
     rest: Float[Array, "vertices 3"], faces: Int[Array, "faces 3"], welded: Int[Array, "vertices"]
 ) -> LocalOffsets:
     """The shape of a surface at rest (metres); `welded` names the first vertex at each one's place."""
-    from scipy import sparse
-
     from retarget.geometry import turn_kernels as kernels
 
     faces = np.ascontiguousarray(welded[faces])
-    first = np.concatenate([faces[:, corner] for corner in (0, 1, 2)])
-    second = np.concatenate([faces[:, corner] for corner in (1, 2, 0)])
     count = len(rest)
-    graph = sparse.csr_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
-    graph = (graph + graph.T).tocsr()
-    graph.setdiag(0)
-    graph.eliminate_zeros()
-    graph.sort_indices()
+    graph = adjacency(faces, count)
     starts, others = graph.indptr.astype(np.int32), graph.indices.astype(np.int32)
     rest = np.ascontiguousarray(rest, dtype=np.float64)
     normals, offsets = np.empty((count, 3)), np.empty((count, 3))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -62,6 +64,21 @@ def unique_pairs(
     side = int(pairs.max(initial=0)) + 1
     keys, inverse, count = np.unique(pairs[:, 0] * side + pairs[:, 1], return_inverse=True, return_counts=True)
     return np.stack(np.divmod(keys, side), axis=1), inverse.ravel(), count
+
+
+def adjacency(faces: Int[Array, "faces 3"], vertices: int) -> Any:
+    """Which vertices share an edge: a sparse symmetric matrix (vertices x vertices, CSR) of ones, without a diagonal."""
+    from scipy import sparse
+
+    first = np.concatenate([faces[:, corner] for corner in (0, 1, 2)])
+    second = np.concatenate([faces[:, corner] for corner in (1, 2, 0)])
+    apart = first != second
+    first, second = first[apart], second[apart]
+    ends = np.concatenate([first, second]), np.concatenate([second, first])
+    graph = sparse.csr_matrix((np.ones(len(ends[0])), ends), shape=(vertices, vertices))
+    graph.data[:] = 1.0
+    graph.sort_indices()
+    return graph
 
 
 def is_oriented(faces: Int[Array, "faces 3"]) -> bool:

@@ -9,15 +9,15 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from retarget.body import rotations as rot
-from retarget.body.kinematics import forward, local_positions, local_rotations, world_pose
+from retarget.body.kinematics import forward, local_positions, world_pose
 from retarget.body.skinning import Skinner, prepare_skinning, rest_vertices, skin_motion
-from retarget.character import MeshMotion, Motion, Pose, Skeleton
+from retarget.character import MeshMotion, Motion, Pose
 from retarget.errors import RetargetError
 from retarget.methods.base import Method, Result, Retargeter
 from retarget.motion.align import Actor, same_skeleton
 from retarget.motion.deformation_transfer import DeformationTransfer as SurfaceTransfer
 from retarget.motion.deformation_transfer import prepare_deformation_transfer
+from retarget.motion.fit import fit_motion
 from retarget.motion.joint_frames import JointFrames, prepare_frames
 
 Array = np.ndarray
@@ -81,7 +81,7 @@ class PreparedDeformationTransfer(Retargeter):
         if len(motion) == 0:
             raise RetargetError(f"the clip {motion.name!r} has no frames")
         vertices = self.transfer.frames(self.skinning.vertices(*world_pose(motion)))
-        made = replace(self._fitted(vertices), fps=motion.fps, name=motion.name)
+        made = self._fitted(vertices, motion.fps, motion.name)
         away = 1000 * np.linalg.norm(skin_motion(self.target.character, made) - vertices, axis=-1)
         stats = {
             "scale": self.transfer.scale,
@@ -101,15 +101,9 @@ class PreparedDeformationTransfer(Retargeter):
         posed = self.skinning.vertices(*forward(skeleton.parents, pose.rotations[None], local))
         return self._fitted(self.transfer.frames(posed)).pose(0)
 
-    def _fitted(self, vertices: Float[Array, "frames vertices 3"]) -> Motion:
-        """The target's joints on its surface: turned as the skin is, the root so placed that joints lie there in the mean."""
-        skeleton: Skeleton = self.target.skeleton
-        world, places = (np.stack(each) for each in zip(*map(self.frames.of, vertices)))
-        local = rot.continuous(local_rotations(skeleton.parents, world))
-        offsets = np.broadcast_to(skeleton.offsets, (len(local), *skeleton.offsets.shape))
-        _, reached = forward(skeleton.parents, local, offsets)
-        root = skeleton.offsets[0] + (places - reached)[:, self._leading()].mean(axis=1)
-        return Motion(skeleton, local, root[:, None], 30.0)
+    def _fitted(self, vertices: Float[Array, "frames vertices 3"], fps: float = 30.0, name: str = "") -> Motion:
+        """The target's joints on its surface."""
+        return fit_motion(self.frames, vertices, fps, name, self._leading())
 
     def _leading(self) -> list[int]:
         """Joints that say where the root is: the trunk's and the legs', of which none hangs far from it."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from retarget.body import rotations as rot
+from retarget.body.kinematics import local_positions
 from retarget.character import Motion, Pose
 from retarget.contact.contact_edits import without_effect
 from retarget.methods.base import Result, Retargeter
@@ -48,28 +49,34 @@ class PreparedInteraction(Retargeter):
         """Retarget a clip. Raises `RetargetError` as `Copier.clip` does."""
         if self.causal:
             return self._causal(motion)
-        copied = self.copier.clip(motion)
+        copied, equations = self.copier.clip(motion), self.solver.equations
         chosen, fps = solved_frames(motion)
         frames = frames_of(copied.motion, chosen)
         touching = None if copied.contacts is None else copied.contacts.touching[chosen]
         performed = self.stand_in.motion(motion) if self.stand_in else motion
         performed = replace(frames_of(performed, chosen), fps=fps, name=motion.name)
-        found, goals = self.goals.clip(performed, frames, self.solver.equations, touching)
+        found, goals = self.goals.clip(performed, frames, equations, touching)
         x = solve_clip(self.solver, frames, goals, fps)
         if self.copier.settings.in_place:
             x[:, [-3, -1]] = 0.0  # across the ground the body stays where it is
         stats = copied.stats | {
             "contacts_of_the_source": len(found.tracks.vertex),
-            **corrections(self.solver.equations, x, chosen / motion.fps),
+            **corrections(equations, x, chosen / motion.fps),
         }
-        status, left = remaining(self.solver.equations, frames, goals, x, chosen / motion.fps)
+        offsets = local_positions(frames.skeleton, frames.translations, frames.moved)
+        status, left = remaining(
+            equations,
+            goals,
+            chosen / motion.fps,
+            lambda f: equations.pose(frames.rotations[f], offsets[f], x[f]).vertices,
+        )
         stats |= left
         idle = without_effect(found, self.goals.edits.of_clip(motion.name), fps, len(chosen))
         if idle:
             stats["contacts_file_without_effect"] = idle
         if self.stand_in:
             stats["stand_in"] = list(self.stand_in.notes)
-        whole = corrected(self.solver.equations, copied.motion, between(x, chosen, len(motion)))
+        whole = corrected(equations, copied.motion, between(x, chosen, len(motion)))
         return Result(self.copier.target, whole, status, stats)
 
     def step(self, pose: Pose) -> Pose:
@@ -87,7 +94,9 @@ class PreparedInteraction(Retargeter):
         performed = self.stand_in.pose(pose) if self.stand_in else pose
         performer = self.stand_in.actor if self.stand_in else self.copier.source
         equations = self.solver.equations
-        found = self.goals.online(one_frame(performed, performer.skeleton), frame, equations, seconds, self.copier.floor)
+        found = self.goals.online(
+            one_frame(performed, performer.skeleton), frame, equations, seconds, self.copier.floor
+        )
         now = solve_next(self.solver, frame, found.frame(0), before, fps)
         return corrected(equations, frame, now.x[None]).pose(0), now
 

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from retarget.contact.collide import Collider
 from retarget.geometry.cholesky import Factor, factor
-from retarget.geometry.topology import areas, proper
+from retarget.geometry.topology import adjacency, areas, proper
 from retarget.motion.touch.goals import FrameGoals
 
 Array = np.ndarray
@@ -52,7 +52,7 @@ class Flesh:
     faces: Int[Array, "faces 3"]
     """Of the mesh."""
     area: Float[Array, "vertices"]
-    """Around each vertex at rest, square metres at a height of `TALL`."""
+    """Around each place at rest, square metres at a height of `TALL`; 0 where no face is."""
     stiffness: Factor
     """Of the displacement: its size and its curvature."""
     size: float
@@ -78,7 +78,7 @@ class Flesh:
             if rows is None:
                 break
             found = start + self._solved(rows, found - start, 1.0 + steady, STEPS if before is None else FOLLOWING)
-        return found
+        return found[self.collider.parts.welded]
 
     def _rows(self, posed: Array, goals: FrameGoals, floor: float | None) -> _Rows | None:
         """What should move, along which direction and how far, from where it is now."""
@@ -110,7 +110,8 @@ class Flesh:
             ))  # fmt: skip
         if floor is not None:
             below = floor - posed[:, 1]
-            low = np.flatnonzero((below > 0) & (below < DEEPEST * self.size) & (self.area > 0))
+            firsts = self.collider.parts.welded == np.arange(len(below))
+            low = np.flatnonzero((below > 0) & (below < DEEPEST * self.size) & (self.area > 0) & firsts)
             up = np.tile([0.0, 1.0, 0.0], (len(low), 1))
             none = np.zeros((len(low), 1))
             blocks.append((low[:, None], none + 1.0, low[:, None], none, up, below[low], OUT * self.area[low]))
@@ -193,12 +194,10 @@ def prepare_flesh(
     area = np.bincount(corners.ravel(), np.repeat(areas(rest, corners) / 3.0, 3), count) / size**2
     used = area > 0
     softest = np.maximum(area, SMALLEST * area[used].mean()) if used.any() else np.ones(count)
-    first, second = (np.concatenate([corners[:, corner] for corner in order]) for order in ((0, 1, 2), (1, 2, 0)))
-    graph = sparse.csr_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
-    graph = graph + graph.T
-    graph.data[:] = 1.0
+    graph = adjacency(corners, count)
     laplacian = sparse.diags_array(np.asarray(graph.sum(axis=1)).ravel()) - graph
     # Over a regular triangulation the graph's Laplacian is three of a vertex's areas times the surface's.
     curvature = laplacian.T @ sparse.diags_array(1.0 / (3.0 * softest)) @ laplacian
     stiffness = sparse.diags_array(softest) + WIDTH**4 * curvature
-    return Flesh(collider, faces, np.where(used, softest, 0.0), factor(stiffness, single=True), size, threshold)
+    around = np.where(used, softest, 0.0)[collider.parts.welded]
+    return Flesh(collider, faces, around, factor(stiffness, single=True), size, threshold)

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int, Shaped
 
 from retarget.body.kinematics import forward, local_positions, world_pose
+from retarget.body.skinning import skin_motion
 from retarget.character import MeshMotion, Motion, Pose
 from retarget.contact.contact_edits import without_effect
 from retarget.errors import RetargetError
@@ -18,7 +19,7 @@ from retarget.methods.shape_transfer.flesh import Flesh
 from retarget.methods.shape_transfer.shape import PosedShape, ShapeCarrier
 from retarget.motion.copy_clip import Copier
 from retarget.motion.filter import gaussian
-from retarget.motion.touch.goals import FrameGoals, GoalMaker
+from retarget.motion.touch.goals import ClipGoals, FrameGoals, GoalMaker
 from retarget.motion.touch.mend import (
     Before,
     between,
@@ -41,6 +42,8 @@ PATIENCE = 3
 """Times the steps that `interaction` takes: arms on very heavy bodies are far from where they were copied to."""
 SOFT = 0.05
 """Seconds of the Gaussian that dents of a clip are smoothed by."""
+ROOM, MOST_ROOM = 60, 4_000_000_000
+"""Bytes that a vertex takes on every frame of a clip (source, shape, dents, result, skin), and bytes that a clip may take."""
 COLD, WARM = 2, 1
 """Rounds in which skin gives way on the first frame, and on those after it."""
 
@@ -82,6 +85,7 @@ class PreparedShapeTransfer(Retargeter):
         it. Frames that are not finite are bridged and told. Raises `RetargetError` as `Copier.check` does, and for a surface
         of another size or without a finite frame."""
         self.copier.check(motion)
+        self._expect_room(len(motion))
         skinner, equations = self.goals.detector.skinner, self.solver.equations
         posed = skinner.vertices(*world_pose(motion)) if surface is None else surface
         if posed.shape != (len(motion), len(skinner.homogeneous), 3):
@@ -89,7 +93,7 @@ class PreparedShapeTransfer(Retargeter):
                 f"the surface must have {len(motion)} frames of {len(skinner.homogeneous)} vertices, received {posed.shape}"
             )
         posed, missing = bridged(posed)
-        shapes = [None if self.shape is None else self.shape.posed(frame) for frame in posed]
+        shapes = self._shapes(posed)
         copied = self.copier.clip(motion, None if self.shape is None else np.stack([each.turned for each in shapes]))
         chosen, fps = solved_frames(motion)
         frames = frames_of(copied.motion, chosen)
@@ -101,36 +105,30 @@ class PreparedShapeTransfer(Retargeter):
         x = solve_clip(self.solver, frames, goals, fps, PATIENCE)
         if self.copier.settings.in_place:
             x[:, [-3, -1]] = 0.0  # across the ground the body stays where it is
-        status, left = remaining(equations, frames, goals, x, chosen / motion.fps)
+        whole = between(x, chosen, len(motion))
+        vertices = self._surfaces(copied.motion, whole, shapes, goals, np.searchsorted(chosen, np.arange(len(motion))))
+        if self.settings.low_pass > 0:
+            vertices = gaussian(vertices, self.settings.low_pass * motion.fps)
+        made, seconds = corrected(equations, copied.motion, whole), chosen / motion.fps
+        status, left = remaining(equations, goals, seconds, lambda frame: vertices[chosen[frame]])
         stats = copied.stats | {
             "contacts_of_the_source": len(found.tracks.vertex),
             "contacts_of_its_girth": int((found.tracks.pose_probability < 0.5).sum()),
-            **corrections(equations, x, chosen / motion.fps),
+            **corrections(equations, x, seconds),
             **left,
+            **self._residual(made, vertices),
         }
         idle = without_effect(found, self.goals.edits.of_clip(motion.name), fps, len(chosen))
         if idle:
             stats["contacts_file_without_effect"] = idle
+        if len(goals.sunk.depth):
+            stats["source_inside_itself_cm"] = round(100 * float(goals.sunk.depth.max()) / self.goals.size, 2)
         if self.note:
             stats["shape"] = self.note
         if len(missing):
             stats["bridged_frames"] = missing.tolist()
-        whole = between(x, chosen, len(motion))
-        at = np.searchsorted(chosen, np.arange(len(motion)))
-        vertices = self._surfaces(copied.motion, whole, shapes, [goals.frame(each) for each in at.tolist()])
-        if self.settings.low_pass > 0:
-            vertices = gaussian(vertices, self.settings.low_pass * motion.fps)
-        made = corrected(equations, copied.motion, whole)
-        character = self.copier.target.character
-        mesh = replace(character.mesh, vertices=vertices[0].astype(np.float64))
-        stats |= self._residual(made, vertices)
-        return Result(
-            self.copier.target,
-            made,
-            status,
-            stats,
-            MeshMotion(mesh, vertices.astype(np.float32), motion.fps, motion.name),
-        )
+        mesh = replace(self.copier.target.character.mesh, vertices=vertices[0].astype(np.float64))
+        return Result(self.copier.target, made, status, stats, MeshMotion(mesh, vertices, motion.fps, motion.name))
 
     def step(self, pose: Pose) -> Pose:
         """The next pose online; see `step_surface`, which gives the surface too."""
@@ -159,7 +157,7 @@ class PreparedShapeTransfer(Retargeter):
         offsets = local_positions(frame.skeleton, frame.translations, frame.moved)[0]
         vertices, given = self._turned(frame.rotations[0], offsets, now.x, shape), None
         if self.flesh is not None:
-            given = self._given(vertices, goals, last.given if last else None, frame)
+            given = self._given(vertices, goals, last.given if last else None)
             vertices = vertices + given
         made = corrected(equations, frame, now.x[None]).pose(0)
         self.last[:] = [_Last(now, given, made, vertices.copy())]
@@ -170,6 +168,15 @@ class PreparedShapeTransfer(Retargeter):
         """Begin anew: the next frame online follows none."""
         self.last.clear()
         self.steps[:] = [0]
+
+    def _expect_room(self, frames: int) -> None:
+        """A surface on every frame takes room; refuse what would take more than `MOST_ROOM`."""
+        most = MOST_ROOM // (ROOM * len(self.solver.equations.columns))
+        if frames > most:
+            raise RetargetError(
+                f"{frames} frames of {len(self.solver.equations.columns)} vertices are more than shape transfer keeps in memory; "
+                f"take at most {most} frames at a time (--start, --end, or a lower --fps)"
+            )
 
     def _is_whole(self, surface: Array) -> bool:
         expected = (len(self.goals.detector.skinner.homogeneous), 3)
@@ -189,24 +196,33 @@ class PreparedShapeTransfer(Retargeter):
         shape = self.shape.posed(surface)
         return one_frame(self.copier.step(pose, shape.turned), self.copier.target.skeleton), shape
 
+    def _shapes(self, posed: Shaped[Array, "frames vertices 3"]) -> list[PosedShape | None]:
+        """The target's shape on every frame, in single precision: a clip has many."""
+        if self.shape is None:
+            return [None] * len(posed)
+        return [each.single() for each in map(self.shape.posed, posed)]
+
     def _surfaces(
         self,
         copied: Motion,
         x: Float[Array, "frames unknowns"],
         shapes: list[PosedShape | None],
-        goals: list[FrameGoals],
-    ) -> Float[Array, "frames vertices 3"]:
-        """The target's vertices on every frame. Skin gives way as on the frame before, and smoothly over time: nearest points
-        hop from one to another, and dents with them."""
+        goals: ClipGoals,
+        goal_of: Int[Array, "frames"],
+    ) -> Shaped[Array, "frames vertices 3"]:
+        """The target's vertices on every frame (float32), whose goals are those numbered `goal_of`. Skin gives way as on the
+        frame before, and smoothly over time: nearest points hop from one to another, and dents with them."""
         offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
-        vertices = np.empty((len(copied), len(self.solver.equations.columns), 3))
-        given, before = np.zeros(vertices.shape, dtype=np.float32), None
+        vertices = np.empty((len(copied), len(self.solver.equations.columns), 3), dtype=np.float32)
+        given, before = np.zeros_like(vertices), None
         for frame in range(len(copied)):
-            vertices[frame] = self._turned(copied.rotations[frame], offsets[frame], x[frame], shapes[frame])
+            turned = self._turned(copied.rotations[frame], offsets[frame], x[frame], shapes[frame])
+            vertices[frame] = turned
             if self.flesh is not None:
-                before = self._given(vertices[frame], goals[frame], before, copied)
+                before = self._given(turned, goals.frame(int(goal_of[frame])), before)
                 given[frame] = before
-        return vertices + gaussian(given, SOFT * copied.fps)
+        vertices += gaussian(given, SOFT * copied.fps)
+        return vertices
 
     def _turned(
         self, rotations: Array, offsets: Array, x: Array, shape: PosedShape | None
@@ -218,22 +234,14 @@ class PreparedShapeTransfer(Retargeter):
         vertices = self.shape.offsets.relaxed(vertices, self.settings.relax)
         return vertices if self.shape.volumes is None else self.shape.volumes.kept(vertices)
 
-    def _given(
-        self, vertices: Array, goals: FrameGoals, before: Array | None, copied: Motion
-    ) -> Float[Array, "vertices 3"]:
+    def _given(self, vertices: Array, goals: FrameGoals, before: Array | None) -> Float[Array, "vertices 3"]:
         return self.flesh.given(vertices, goals, COLD if before is None else WARM, before, self.copier.floor)
 
-    def _residual(self, made: Motion, vertices: Float[Array, "frames vertices 3"]) -> dict[str, float]:
+    def _residual(self, made: Motion, vertices: Shaped[Array, "frames vertices 3"]) -> dict[str, float]:
         """How far the skeletal motion's own skin is from the surface, millimetres."""
-        skin = self._target_skin(made)
-        away = 1000 * np.linalg.norm(vertices - skin, axis=-1)
+        away = 1000 * np.linalg.norm(vertices - skin_motion(self.copier.target.character, made), axis=-1)
         return {
             "skin_rms_mm": round(float(np.sqrt((away**2).mean())), 3),
             "skin_p95_mm": round(float(np.percentile(away, 95)), 3),
             "skin_worst_mm": round(float(away.max()), 3),
         }
-
-    def _target_skin(self, made: Motion) -> Float[Array, "frames vertices 3"]:
-        from retarget.body.skinning import skin_motion
-
-        return skin_motion(self.copier.target.character, made)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -32,6 +32,10 @@ class PosedShape:
     surface: FrameSurface
     turned: Float[Array, "joints 4"]
     """World rotations of the joints."""
+
+    def single(self) -> PosedShape:
+        """The same with its vertices in single precision."""
+        return replace(self, surface=replace(self.surface, vertices=self.surface.vertices.astype(np.float32)))
 
 
 @dataclass(frozen=True, eq=False)

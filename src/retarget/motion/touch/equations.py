@@ -140,7 +140,7 @@ class PoseEquations:
         from retarget.contact import skin_kernels
 
         skin, skeleton = self.actor.character.skin, self.skeleton
-        binds, bound = (self.binds, self.actor.character.mesh.vertices) if surface is None else (surface.binds, surface.vertices)
+        binds, bound = (self.binds, self.actor.character.mesh.vertices) if surface is None else surface.doubles
         world, places = np.empty((len(skeleton), 4)), np.empty((len(skeleton), 3))
         vertices = np.empty((len(self.columns), 3))
         turns = x[:-3].reshape(-1, 3)

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import world_pose
@@ -33,10 +33,15 @@ Array = np.ndarray
 class FrameSurface:
     """The target's surface on one frame, where it is not the skin at rest that joints move."""
 
-    vertices: Float[Array, "vertices 3"]
-    """Posed, metres."""
+    vertices: Shaped[Array, "vertices 3"]
+    """Posed, metres; clips keep theirs in single precision."""
     binds: Float[Array, "columns 3 4"]
     """Joint-from-world, of the joint of every column of the skin, in the pose that these vertices are in."""
+
+    @property
+    def doubles(self) -> tuple[Float[Array, "columns 3 4"], Float[Array, "vertices 3"]]:
+        """Binds and vertices in double precision, as loops over them want."""
+        return self.binds, self.vertices.astype(np.float64, copy=False)
 
 
 @dataclass(frozen=True, eq=False)

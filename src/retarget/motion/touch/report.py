@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
-from retarget.body.kinematics import local_positions
-from retarget.character import Motion
 from retarget.contact.ground import intervals
 from retarget.contact.parts import PARTS
 from retarget.motion.touch.equations import PoseEquations
-from retarget.motion.touch.goals import ClipGoals
+from retarget.motion.touch.goals import ClipGoals, FrameGoals
 
 Array = np.ndarray
 
@@ -51,20 +49,23 @@ def corrections(
 
 
 def remaining(
-    equations: PoseEquations, copied: Motion, goals: ClipGoals, x: Float[Array, "frames unknowns"],
+    equations: PoseEquations,
+    goals: ClipGoals,
     seconds: Float[Array, "frames"],
+    posed: Callable[[int], Shaped[Array, "vertices 3"]],
 ) -> tuple[str, dict[str, Any]]:
     """What is still inside another part, and contacts that are not reached, on some frames of the result: a status and the
-    lists. Where not everything can hold, closeness to the copied pose gives way first, then contacts, penetration last."""
-    offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
+    lists. `posed` gives the result's vertices (metres) on a frame. Where not everything can hold, closeness to the copied pose
+    gives way first, then contacts, penetration last."""
     step = max(1, round(EVERY / max(float(seconds[1] - seconds[0]), 1e-6))) if len(seconds) > 1 else 1
     deepest: dict[tuple[str, str], tuple[float, float]] = {}
     missed: dict[tuple[str, str], tuple[float, float]] = {}
-    for frame in range(0, len(copied), step):
-        body = equations.pose(copied.rotations[frame], offsets[frame], x[frame], goals.frame(frame).surface)
-        if not np.isfinite(body.vertices).all():
+    for frame in range(0, len(seconds), step):
+        vertices = np.asarray(posed(frame), dtype=np.float64)
+        if not np.isfinite(vertices).all():
             return "the solution is not finite on some frames", {}
-        for found, rows in ((deepest, _inside(equations, goals, frame, body)), (missed, _off(equations, goals, frame, body))):
+        own = goals.frame(frame)
+        for found, rows in ((deepest, _inside(equations, own, vertices)), (missed, _off(equations, own, vertices))):
             for pair, value in rows:
                 if value > found.get(pair, (0.0, 0.0))[0]:
                     found[pair] = (value, float(seconds[frame]))
@@ -83,13 +84,12 @@ def remaining(
     return ("not everything could hold: " + "; ".join(words) if words else "ok"), lists
 
 
-def _inside(equations: PoseEquations, goals: ClipGoals, frame: int, body) -> Iterator[tuple[tuple[str, str], float]]:
+def _inside(equations: PoseEquations, own: FrameGoals, vertices: Array) -> Iterator[tuple[tuple[str, str], float]]:
     """(parts, metres) of vertices deeper inside another part than they may be."""
-    near = equations.collider.pairs(body.vertices)
+    near = equations.collider.pairs(vertices)
     if len(near.vertex) == 0:
         return
-    allowed = np.zeros(len(body.vertices))
-    own = goals.frame(frame)
+    allowed = np.zeros(len(vertices))
     allowed[own.sunk] = own.depth
     deep = -near.distance - allowed[near.vertex]
     parts = equations.collider.parts.vertex_parts[near.vertex]
@@ -97,14 +97,13 @@ def _inside(equations: PoseEquations, goals: ClipGoals, frame: int, body) -> Ite
         yield (PARTS[parts[row]], PARTS[near.part[row]]), float(deep[row])
 
 
-def _off(equations: PoseEquations, goals: ClipGoals, frame: int, body) -> Iterator[tuple[tuple[str, str], float]]:
+def _off(equations: PoseEquations, own: FrameGoals, vertices: Array) -> Iterator[tuple[tuple[str, str], float]]:
     """(parts, metres) of contacts that are missed, on the average of two parts."""
-    own = goals.frame(frame)
     full = own.weight > 0.5
     if not full.any():
         return
     points, others = (
-        np.einsum("pc,pci->pi", shares[full], body.vertices[corners[full]])
+        np.einsum("pc,pci->pi", shares[full], vertices[corners[full]])
         for corners, shares in ((own.first, own.first_shares), (own.second, own.second_shares))
     )
     away = np.maximum(np.linalg.norm(points - others, axis=1) - own.gap[full], 0.0)
