@@ -32,9 +32,7 @@ def files(tmp_path_factory):
         "report man.glb SEQUENCE -o OUT/r.html",
         "evaluate SEQUENCE --source man.glb",
         "evaluate man.glb --source SEQUENCE",
-        "contacts SEQUENCE",
         "repair SEQUENCE -o OUT/r.glb",
-        "run SEQUENCE man.glb -o OUT/r.glb",
         "run man.glb SEQUENCE -o OUT/r.glb",
     ],
 )
@@ -43,5 +41,5 @@ def test_one_line_says_what_can_be_done(files, tmp_path, monkeypatch, command, w
     code, out, err = command(*words.replace("SEQUENCE", sequence).replace("OUT", str(tmp_path)).split())
     assert code == 2 and out == "" and err.count("\n") == 1, (code, out, err)
     assert f"{sequence}: " in err and "mesh sequence" in err
-    assert "`retarget info` and `picture` show it, `convert` writes it in other formats" in err
+    assert "`retarget run` takes it as a motion, `info` and `picture` show it, `convert` writes it in other formats" in err
     assert list(tmp_path.iterdir()) == []
