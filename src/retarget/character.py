@@ -340,3 +340,33 @@ class MeshMotion:
 
     def __len__(self) -> int:
         return len(self.vertices)
+
+
+@dataclass(frozen=True, eq=False)
+class PointMotion:
+    """A point cloud a frame, each with points of its own: a capture without correspondence."""
+
+    clouds: tuple[Float[Array, "_ 3"], ...]
+    """Points of every frame, metres, in single precision; a frame in which nothing was seen has none."""
+    fps: float = 30.0
+    """Frames a second."""
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "clouds", tuple(map(self._checked, self.clouds)))
+        if not self.clouds:
+            raise RetargetError("a PointMotion needs at least one frame")
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise RetargetError(f"PointMotion.fps must be positive, received {self.fps}")
+
+    def __len__(self) -> int:
+        return len(self.clouds)
+
+    @staticmethod
+    def _checked(cloud: Any) -> Array:
+        points = np.asarray(cloud, dtype=np.float32)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise RetargetError(f"PointMotion.clouds must be arrays of shape (points, 3), received {points.shape}")
+        if not np.isfinite(points).all():
+            raise RetargetError("PointMotion.clouds must be finite")
+        return points
