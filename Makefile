@@ -23,7 +23,7 @@ demo: setup
 	@$(BIN)/python examples/demo.py out/demo
 
 test: setup
-	@$(BIN)/python -m pytest -n 2
+	@$(BIN)/python -m pytest -n 2 --dist worksteal
 	@$(BIN)/retarget bench contact --quick --gate
 	@$(BIN)/retarget bench interaction --quick --gate
 	@$(BIN)/retarget bench rig-transfer --quick --gate

@@ -10,6 +10,7 @@ import pytest
 sys.path.append(str(Path(__file__).parent / "rig"))
 from rig_bodies import case, quadruped  # noqa: E402
 
+from retarget.character import Mesh  # noqa: E402
 from retarget.commands_rig import parse_landmarks  # noqa: E402
 from retarget.errors import RetargetError  # noqa: E402
 from retarget.io import load  # noqa: E402
@@ -100,10 +101,15 @@ def test_what_is_no_body_is_one_line(command, tmp_path):
     assert code == 2 and not out and err.count("\n") == 1
     assert "dog.obj: no body was found with certainty" in err and "--landmarks head=" in err
     assert not (tmp_path / "dog.glb").exists()
+
+
+def test_what_is_no_body_does_not_walk(command, tmp_path):
+    draw = np.random.default_rng(5)
+    soup = write_obj(tmp_path / "soup.obj", Mesh(draw.normal(size=(3000, 3)), draw.integers(0, 3000, (5000, 3))))
     walk = tmp_path / "walk.glb"
     command("body", "-o", walk, "--preset", "thin", "--motion", "walk")
-    code, _, err = command("run", walk, dog, "-o", tmp_path / "dog.glb")
-    assert code == 2 and "no body was found" in err and not (tmp_path / "dog.glb").exists()
+    code, _, err = command("run", walk, soup, "-o", tmp_path / "soup.glb")
+    assert code == 2 and "soup.obj" in err and "criss-cross" in err and not (tmp_path / "soup.glb").exists()
 
 
 def test_outputs_without_a_surface_are_refused(command, statue, tmp_path):

@@ -148,8 +148,21 @@ def test_each_frame_sends_the_joints_where_they_are():
             assert set(np.flatnonzero(moved)) & set(used) <= set(places), "what moved and moves the skin is sent"
 
 
+def slowness():
+    """How many times slower this machine is just now than one on which a hundred comparisons of small arrays, of which a frame
+    is mostly made, take 3 ms; at least 1."""
+    places, spent = np.zeros(3), []
+    for _ in range(20):
+        started = time.thread_time()
+        for _ in range(100):
+            np.allclose(places, places)
+        spent.append(time.thread_time() - started)
+    return max(1.0, np.median(spent) / 3e-3)
+
+
 def test_a_body_of_seven_thousand_vertices_is_cheap_to_send():
-    """A few ms of the server's own time (4 where it was measured) and 60 KB a frame, contacts among them; frames come at the clip's rate."""
+    """A few ms of the server's own time (4 where it was measured) and 60 KB a frame, contacts among them; frames come at the
+    clip's rate."""
     shown = belly("heavy")
     assert len(shown.character.mesh.vertices) > 6800
     with viewing([shown]) as viewer, connected(viewer) as client:
@@ -160,14 +173,14 @@ def test_a_body_of_seven_thousand_vertices_is_cheap_to_send():
         assert sum(map(len, packets)) / frames < 60_000
         assert frames / seconds > 20, "30, with room for a busy machine"
     viewer = Viewer([shown])
-    costs = []
+    slower, costs = slowness(), []
     for frame in range(shown.frames):
         viewer.clock = viewer.clock.at(frame / shown.take.fps)
         started = time.thread_time()
         viewer.show()
         costs.append(time.thread_time() - started)
     viewer.close()
-    assert 1e-4 < np.median(costs) < 0.012
+    assert 1e-4 < np.median(costs) < 0.012 * slower
 
 
 def test_a_skin_that_rigid_joints_cannot_move_is_sent_as_vertices():
