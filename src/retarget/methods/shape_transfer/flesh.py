@@ -128,12 +128,14 @@ class Flesh:
         direction, stiff_direction = z.copy(), residual.copy()
         old = float((residual * z).sum())
         first = old
-        for _ in range(steps):
+        for left in reversed(range(steps)):
             if not old > ENOUGH**2 * first:
                 break
             product = stiff_direction + rows.spread(rows.weight * rows.along(direction))
             step = old / float((direction * product).sum())
             x += step * direction
+            if not left:
+                break
             residual -= step * product
             z = self.stiffness.solve(residual) / stiff
             new = float((residual * z).sum())
