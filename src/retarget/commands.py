@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from retarget.casting import cast
-from retarget.character import Provenance
+from retarget.character import PointMotion, Provenance
 from retarget.errors import FileError, MatchError, RetargetError
 from retarget.io import check_output, load
 from retarget.io.asset import Asset, Clip
@@ -35,6 +35,8 @@ def describe(path: Path, smpl_model: Path | None = None) -> dict[str, Any]:
         report["vertices"], report["faces"] = len(mesh.vertices), len(mesh.faces)
     if asset.points is not None:
         report["points"] = len(asset.points.points)
+    if asset.clouds is not None:
+        report |= _describe_clouds(asset.clouds)
     if asset.character is not None:
         report |= _describe_skeleton(asset)
     report["lines"] = list(_describe_lines(report))
@@ -44,6 +46,16 @@ def describe(path: Path, smpl_model: Path | None = None) -> dict[str, Any]:
 def _describe_clip(clip: Clip) -> dict[str, Any]:
     told = {"name": clip.name, "frames": clip.frames, "fps": clip.fps}
     return told if clip.made_from is None else told | {"made_from": asdict(clip.made_from)}
+
+
+def _describe_clouds(moving: PointMotion) -> dict[str, Any]:
+    counts = sorted(len(cloud) for cloud in moving.clouds)
+    first = next((cloud for cloud in moving.clouds if len(cloud)), None)
+    told = {"clips": [{"name": moving.name, "frames": len(moving), "fps": moving.fps}]}
+    told |= {"points": counts[len(counts) // 2], "fewest_points": counts[0], "most_points": counts[-1], "empty_frames": counts.count(0)}
+    if first is not None:
+        told["size"] = [round(float(length), 4) for length in first.max(axis=0) - first.min(axis=0)]
+    return told
 
 
 def _describe_skeleton(asset: Asset) -> dict[str, Any]:
@@ -79,7 +91,11 @@ def _describe_lines(report: Mapping[str, Any]) -> Iterator[str]:
         unit = "m" if report["stated"]["metres_per_unit"] == 1.0 else "units of the file"
         yield f"  size       {' x '.join(f'{length:.3f}' for length in report['size'])} {unit} on the first frame"
     if "points" in report:
-        yield f"  points     {report['points']}"
+        if "most_points" in report:
+            empty = f", {report['empty_frames']} frames empty" if report["empty_frames"] else ""
+            yield f"  points     {report['points']} on a usual frame, {report['fewest_points']} to {report['most_points']}{empty}"
+        else:
+            yield f"  points     {report['points']}"
     if "joints" in report:
         yield f"  skeleton   {len(report['joints'])} joints"
     if report.get("humanoid"):

@@ -19,8 +19,8 @@ from retarget.io.whole_file import check_folder
 from retarget.motion.align import AXES, Similarity
 from retarget.motion.filter import resample
 
-SURFACE_SUFFIXES = (".obj", ".ply")
-"""Formats of still surfaces."""
+SURFACE_SUFFIXES = (".obj", ".ply", ".pcd")
+"""Formats of still surfaces and points."""
 EACH = "{clip}"
 """In the name of the output: a file for each clip."""
 
@@ -64,7 +64,7 @@ def convert_file(order: Conversion) -> dict[str, Any]:
     if order.unit is not None and not 0 < order.unit < float("inf"):
         raise RetargetError(f"unit must be positive metres per unit, received {order.unit:g}")
     asset = load(order.file, smpl_model=order.smpl_model)
-    if sequence or asset.sequence is not None:
+    if sequence or asset.sequence is not None or asset.clouds is not None:
         space, notes = _space(asset, order, keep=asset.sequence is None or output.suffix.lower() in (*SEQUENCE_SUFFIXES, *SURFACE_SUFFIXES, ".bvh"))
         moving, size = convert_sequence(asset, output, order.clip, order.fps, space)
         return _report(asset, [(output, [(moving.name, len(moving), moving.fps)])], [*asset.notes, *notes], size)
@@ -90,7 +90,9 @@ def _expect_fitting(asset: Asset, output: Path) -> None:
         forms = ", ".join(WRITTEN_SUFFIXES)
         raise FileError(output, f"is for still surfaces, but {asset.path.name} holds {held}; write it as {forms}")
     if asset.points is not None and output.suffix.lower() == ".obj":
-        raise FileError(output, f"{asset.path.name} holds points without faces; write them as .ply")
+        raise FileError(output, f"{asset.path.name} holds points without faces; write them as .ply or .pcd")
+    if asset.mesh is not None and output.suffix.lower() == ".pcd":
+        raise FileError(output, f"{asset.path.name} holds a surface, and .pcd has no faces; write it as .ply or .obj")
     document = getattr(getattr(asset.character, "origin", None), "document", None)
     if output.suffix.lower() == ".gltf" and document is not None:
         beside = output.with_suffix(".bin").resolve()

@@ -1,4 +1,4 @@
-"""What `retarget convert` does where surfaces move without a skeleton: mesh sequences, and characters baked to them."""
+"""What `retarget convert` does where surfaces move without a skeleton: mesh sequences, characters baked to them, point clouds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from retarget.body.skinning import bake
-from retarget.character import MeshMotion
+from retarget.character import MeshMotion, PointMotion
 from retarget.errors import FileError
 from retarget.io import save_sequence
 from retarget.io.asset import Asset
@@ -16,17 +16,26 @@ from retarget.motion.align import Similarity
 from retarget.motion.filter import resample
 
 SEQUENCE_SUFFIXES = ("", ".npz")
-"""Outputs that hold nothing but mesh sequences: a folder of frames, and an archive."""
+"""Outputs that hold nothing but sequences of meshes or points: a folder of frames, and an archive."""
 
 
 def convert_sequence(
     asset: Asset, output: Path, clip: str | None, fps: float | None, space: Similarity | None
-) -> tuple[MeshMotion, str]:
-    """Write a mesh sequence, or the surface that a character's clip moves; returns it and what it is, in words.
+) -> tuple[MeshMotion | PointMotion, str]:
+    """Write a mesh or point sequence, or the surface that a character's clip moves; returns it and what it is, in words.
 
     `fps` is the rate of a sequence, which folders do not tell, and the rate at which a clip is sampled. Raises `FileError`
     for what does not move a surface.
     """
+    if asset.clouds is not None:
+        if clip is not None:
+            raise FileError(asset.path, "holds one point sequence: --clip does not apply")
+        seen = asset.clouds if fps is None else replace(asset.clouds, fps=fps)
+        if space is not None:
+            seen = replace(seen, clouds=tuple(space.points(cloud.astype(np.float64)) for cloud in seen.clouds))
+        save_sequence(output, seen)
+        counts = [len(cloud) for cloud in seen.clouds]
+        return seen, f"{min(counts)} to {max(counts)} points"
     if asset.sequence is not None:
         if clip is not None:
             raise FileError(asset.path, "holds one mesh sequence: --clip does not apply")

@@ -18,6 +18,7 @@ from retarget.body.skinning import prepare_skinning
 from retarget.character import Character, Mesh
 from retarget.evaluate.remeshed import clustered, collapsed
 from retarget.geometry.closest import Places
+from retarget.geometry.clothes import layer, smoothed
 from retarget.geometry.resample import Surface, subdivide
 from retarget.geometry.topology import vertex_normals
 from retarget.motion.library import embedded_motion
@@ -184,7 +185,7 @@ def _dressed(
     parts = {name: number for number, name in enumerate(model.part_names)}
     trunk = np.isin(model.vertex_parts, [parts[name] for name in ("chest", "abdomen", "pelvis")]).astype(float)
     swelling = (
-        places.of(_smoothed(trunk, body))[:, None] * vertex_normals(surface.vertices, surface.faces) * 0.006 * size
+        places.of(smoothed(trunk, body))[:, None] * vertex_normals(surface.vertices, surface.faces) * 0.006 * size
     )
     pieces = [(Surface(surface.vertices + swelling, surface.faces), places)]
     outfits = [draw.random() < chance for chance in (0.8, 0.5, 0.5)]
@@ -193,15 +194,15 @@ def _dressed(
     if outfits[0]:
         names.append("shoes")
         for side in ("left", "right"):
-            pieces.append(_shell(fine, placing, body, [parts[f"{side}Foot"]], 0.008 * size))
+            pieces.append(layer(fine, placing, body, [parts[f"{side}Foot"]], 0.008 * size))
     if outfits[1] or not any(outfits):
         names.append("skirt")
         pieces.append(
-            _shell(fine, placing, body, [parts[name] for name in ("pelvis", "leftThigh", "rightThigh")], 0.02 * size)
+            layer(fine, placing, body, [parts[name] for name in ("pelvis", "leftThigh", "rightThigh")], 0.02 * size)
         )
     if outfits[2]:
         names.append("hat")
-        pieces.append(_shell(fine, placing, body, [parts["head"]], 0.015 * size, above=True))
+        pieces.append(layer(fine, placing, body, [parts["head"]], 0.015 * size, above=True))
     offsets = np.cumsum([0] + [len(piece) for piece, _ in pieces])
     whole = Surface(
         np.concatenate([piece.vertices for piece, _ in pieces]),
@@ -212,40 +213,6 @@ def _dressed(
     )
     own = np.arange(len(whole)) < offsets[1]
     return whole, joined, own, "+".join(names)
-
-
-def _shell(
-    fine: Surface, placing: object, body: Surface, parts: list[int], away: float, above: bool = False
-) -> tuple[Surface, Places]:
-    """A copy of parts of the skin, held away from it, with a border; of the upper half of a head only for a hat."""
-    model = human_model()
-    inside = np.isin(model.vertex_parts, parts)
-    if above:
-        crown, chin = (body.vertices[model.landmark(name)] for name in ("crown", "chin"))
-        inside &= (body.vertices - chin) @ (crown - chin) > 0.55 * ((crown - chin) ** 2).sum()
-    reach = placing @ inside.astype(float)
-    faces = fine.faces[(reach[fine.faces] > 0.9).all(axis=1)]
-    used, packed = np.unique(faces, return_inverse=True)
-    outward = vertex_normals(fine.vertices, fine.faces)[used]
-    rows = placing[used].tocsr()
-    corners = np.zeros((len(used), 3), dtype=np.int64)
-    weights = np.zeros((len(used), 3))
-    for row in range(len(used)):
-        own = slice(rows.indptr[row], rows.indptr[row + 1])
-        count = own.stop - own.start
-        corners[row, :count], weights[row, :count] = rows.indices[own], rows.data[own]
-    return Surface(fine.vertices[used] + away * outward, packed.reshape(-1, 3)), Places(corners, weights)
-
-
-def _smoothed(values: Float[Array, "vertices"], surface: Surface, rounds: int = 6) -> Float[Array, "vertices"]:
-    from scipy.sparse import csr_matrix, diags
-
-    rows, columns = surface.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).T
-    graph = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(surface), len(surface)))
-    graph = diags(1.0 / np.maximum(np.asarray(graph.sum(axis=1)).ravel(), 1)) @ graph
-    for _ in range(rounds):
-        values = 0.5 * values + 0.5 * (graph @ values)
-    return values
 
 
 def unposed(case: RigCase) -> RigCase:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from retarget.character import Character, MeshMotion, Motion
+from retarget.character import Character, MeshMotion, Motion, PointMotion
 from retarget.errors import FileError, RetargetError
 from retarget.io.asset import Asset
-from retarget.io.whole_file import check_folder
+from retarget.io.whole_file import check_folder, check_new_folder
 
 # Module that reads each suffix; imported only when a file of that kind is met.
 READERS = {
@@ -21,6 +21,7 @@ READERS = {
     ".gltf": "retarget.io.gltf",
     ".npz": "retarget.io.npz",
     ".obj": "retarget.io.obj_ply",
+    ".pcd": "retarget.io.pcd",
     ".ply": "retarget.io.obj_ply",
     ".usd": "retarget.io.usd",
     ".usda": "retarget.io.usd",
@@ -115,15 +116,17 @@ def save(
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
 
 
-def save_sequence(path: str | Path, motion: MeshMotion) -> None:
+def save_sequence(path: str | Path, motion: MeshMotion | PointMotion) -> None:
     """Write a mesh sequence as glTF (.glb, .gltf; frames as morph targets), USD (time samples), Alembic (.abc), an archive (.npz), or
-    a folder of PLY files (no suffix).
+    a folder of PLY files (no suffix); a point sequence as the last two.
 
     The file, or folder, appears whole or not at all. Raises `FileError` for other suffixes and where it cannot be written.
     """
     path = Path(path)
-    check_sequence_output(path)
-    if path.suffix.lower() in (".glb", ".gltf"):
+    check_sequence_output(path, isinstance(motion, PointMotion))
+    if isinstance(motion, PointMotion):
+        importlib.import_module(f"retarget.io.{'npz_clouds' if path.suffix else 'point_folder'}").save(path, motion)
+    elif path.suffix.lower() in (".glb", ".gltf"):
         importlib.import_module("retarget.io.gltf_morph").save_sequence(path, motion)
     elif WRITERS.get(path.suffix.lower()) == "retarget.io.usd":
         importlib.import_module("retarget.io.usd_sequence").save(path, motion)
@@ -135,11 +138,15 @@ def save_sequence(path: str | Path, motion: MeshMotion) -> None:
         importlib.import_module("retarget.io.mesh_folder").save(path, motion)
 
 
-def check_sequence_output(path: str | Path) -> None:
-    """Refuse an output that could not hold a mesh sequence, before any work is done. Raises `FileError`."""
+def check_sequence_output(path: str | Path, points: bool = False) -> None:
+    """Refuse an output that could not hold a mesh sequence, or one of `points`, before any work is done. Raises `FileError`."""
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix and suffix not in (".glb", ".gltf", ".npz", ".abc") and WRITERS.get(suffix) != "retarget.io.usd":
+    if points:
+        if suffix not in ("", ".npz"):
+            raise FileError(path, f"a point sequence is written as .npz or a folder (a name without suffix), not as {path.suffix!r}")
+        check_folder(path) if suffix else check_new_folder(path)
+    elif suffix and suffix not in (".glb", ".gltf", ".npz", ".abc") and WRITERS.get(suffix) != "retarget.io.usd":
         raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, as USD or Alembic, not as {path.suffix!r}")
 
 

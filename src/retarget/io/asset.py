@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from retarget.character import Character, Mesh, MeshMotion, Motion, PointCloud, Provenance
+from retarget.character import Character, Mesh, MeshMotion, Motion, PointCloud, PointMotion, Provenance
 from retarget.errors import FileError, unknown_name
 
 MOST_JOINTS = 20_000
@@ -40,7 +40,7 @@ class Asset:
 
     path: Path
     kind: str
-    """'motion' (skeleton and clips), 'character' (with a skin), 'mesh', 'points' or 'mesh sequence'."""
+    """'motion' (skeleton and clips), 'character' (with a skin), 'mesh', 'points', 'mesh sequence' or 'point sequence'."""
     character: Character | None = None
     """Skeleton, and surface where the file has one; present for the kinds 'motion' and 'character'."""
     mesh: Mesh | None = None
@@ -49,6 +49,8 @@ class Asset:
     """The cloud of a file of kind 'points'."""
     sequence: MeshMotion | None = None
     """The moving surface of a 'mesh sequence'."""
+    clouds: PointMotion | None = None
+    """The frames of a 'point sequence'."""
     clips: tuple[Clip, ...] = ()
     convention: Convention = field(default_factory=Convention)
     humanoid: Mapping[str, str] | None = None
@@ -81,7 +83,10 @@ class Asset:
         return self.read_clip(clip or 0)
 
     def expect_joints(self) -> None:
-        """Raises `FileError` for a mesh sequence, saying what can be done with one."""
+        """Raises `FileError` for a mesh or point sequence, saying what can be done with one."""
         if self.sequence is not None:
             cure = "`retarget run` takes it as a motion, `info` and `picture` show it, `convert` writes it in other formats"
             raise FileError(self.path, f"holds a mesh sequence, whose surface moves without joints to follow; {cure}")
+        if self.clouds is not None:
+            cure = "`info` and `picture` show it, `convert` writes it in other formats"
+            raise FileError(self.path, f"holds a point sequence, a capture without joints to follow; {cure}")

@@ -1,65 +1,74 @@
-"""Mesh sequences as folders: one OBJ or PLY file a frame, all with the same faces."""
+"""Mesh sequences as folders: one OBJ or PLY file a frame, all with the same faces. Folders of other frames are captures."""
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from retarget.character import MeshMotion
-from retarget.errors import FileError
-from retarget.io import obj_ply
+from retarget.character import Mesh, MeshMotion
+from retarget.errors import FileError, RetargetError
+from retarget.geometry.bridging import bridged
+from retarget.io import obj_ply, point_folder
 from retarget.io.asset import Asset
+from retarget.io.point_folder import FPS, FRAMES
+from retarget.io.whole_file import folder_written_whole
 
-FRAMES = {".obj", ".ply"}
-FPS = 30.0
-"""Frames a second of a folder: it says nothing of its own."""
+WRITTEN = (".obj", ".ply")
 LARGEST = 1 << 31
 """Bytes of vertices that are held at most."""
 
 
 def load(path: str | Path) -> Asset:
-    """Read a folder of OBJ or PLY files as one 'mesh sequence', in natural order (frame_2 before frame_10).
+    """Read a folder of OBJ, PLY, PCD or NPZ files, in natural order (frame_2 before frame_10): as one 'mesh sequence' where all
+    frames share one set of faces, else as a 'point sequence' (`point_folder`).
 
-    Raises `FileError` for a folder without such files, frames that have no faces or other faces than the first, and more
-    than fits into memory.
+    Files that cannot be read are bridged, and told in the notes. Raises `FileError` for a folder without such files, where more
+    than half of them cannot be read, and for more than fits into memory.
     """
     path = Path(path)
-    files = sorted((file for file in path.iterdir() if _is_frame(file)), key=lambda file: natural(file.name))
+    files = sorted(point_folder.frame_files(path), key=lambda file: natural(file.name))
     if not files:
-        raise FileError(path, "the folder holds no .obj or .ply files")
-    first = _frame(files[0])
-    vertices = len(first.vertices)
-    if 12 * vertices * len(files) > LARGEST:
-        raise FileError(path, f"holds {len(files)} frames of {vertices} vertices, more than is kept in memory at once")
-    places = np.empty((len(files), vertices, 3), dtype=np.float32)
-    places[0] = first.vertices
-    for number, file in enumerate(files[1:], start=1):
-        mesh = _frame(file)
-        if len(mesh.vertices) != vertices or not np.array_equal(mesh.faces, first.faces):
-            raise FileError(
-                file, f"has other faces than {files[0].name}: the frames of a mesh sequence are one mesh; scans are not read yet"
-            )
+        raise FileError(path, f"the folder holds no frames ({', '.join(FRAMES)})")
+    first, faults, places = None, {}, np.zeros(0)
+    for number, file in enumerate(files):
+        try:
+            mesh = point_folder.read_frame(file)
+        except RetargetError as error:
+            faults[file] = error
+            continue
+        if not isinstance(mesh, Mesh) or first is not None and not _alike(mesh, first):
+            return point_folder.load(path, files)
+        if first is None:
+            first, vertices = mesh, len(mesh.vertices)
+            if 12 * vertices * len(files) > LARGEST:
+                raise FileError(path, f"holds {len(files)} frames of {vertices} vertices, more than is kept in memory at once")
+            places = np.full((len(files), vertices, 3), np.nan, dtype=np.float32)
         places[number] = mesh.vertices
+    point_folder.expect_most(path, len(files), faults)
+    places, _ = bridged(places)
     note = f"{len(files)} files taken as frames at {FPS:g} a second, which a folder does not tell (--fps)"
-    return Asset(path, "mesh sequence", sequence=MeshMotion(first, places, FPS, path.name), notes=(note,))
+    notes = (note, *point_folder.told_faults(faults, len(files), "are bridged from those beside them"))
+    moving = MeshMotion(replace(first, vertices=places[0].astype(np.float64)), places, FPS, path.name)
+    return Asset(path, "mesh sequence", sequence=moving, notes=notes)
+
+
+def _alike(mesh: Mesh, first: Mesh) -> bool:
+    return len(mesh.vertices) == len(first.vertices) and np.array_equal(mesh.faces, first.faces)
 
 
 def holds_frames(path: Path) -> bool:
-    """Whether a folder holds the frames of a mesh sequence."""
-    return any(map(_is_frame, path.iterdir()))
+    """Whether a folder holds the frames of a sequence, of meshes or of points."""
+    return bool(point_folder.frame_files(path))
 
 
 def expect_no_frames(path: Path) -> None:
     """Raises `FileError` for a folder of frames where motions of joints are looked for, saying what can be done with it."""
     if holds_frames(path):
         cure = "as a mesh sequence `retarget run` takes it, `info` and `picture` show it, `convert` writes it in other formats"
-        raise FileError(path, f"the folder holds .obj or .ply files and no motion of joints; {cure}")
+        raise FileError(path, f"the folder holds frames ({', '.join(FRAMES)}) and no motion of joints; {cure}")
 
 
 def save(path: str | Path, motion: MeshMotion, suffix: str = ".ply") -> None:
@@ -69,40 +78,16 @@ def save(path: str | Path, motion: MeshMotion, suffix: str = ".ply") -> None:
     cannot be written.
     """
     path = Path(path)
-    if suffix not in FRAMES:
+    if suffix not in WRITTEN:
         raise FileError(path, f"frames are written as .obj or .ply, not as {suffix!r}")
-    if path.exists():
-        raise FileError(path, "is there already; frames of two sequences in one folder would be mixed")
-    if not path.parent.is_dir():
-        raise FileError(path, f"the folder {path.parent} does not exist")
     digits = max(4, len(str(len(motion) - 1)))
-    try:
-        made = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent))
-    except OSError as error:
-        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
-    try:
+    with folder_written_whole(path) as folder:
         for number in range(len(motion)):
             frame = replace(motion.mesh, vertices=motion.vertices[number].astype(np.float64))
-            obj_ply.save(made / f"{number:0{digits}d}{suffix}", frame)
-        made.chmod(0o755)
-        os.rename(made, path)
-    except OSError as error:
-        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
-    finally:
-        shutil.rmtree(made, ignore_errors=True)
+            obj_ply.save(folder / f"{number:0{digits}d}{suffix}", frame)
 
 
 def natural(name: str) -> list[tuple[int, int | str]]:
     """A key that sorts names as people count: numbers by value, text by letters."""
     return [(0, int(part)) if part.isdigit() else (1, part.lower()) for part in re.split(r"([0-9]+)", name) if part]
 
-
-def _is_frame(file: Path) -> bool:
-    return file.suffix.lower() in FRAMES and file.is_file() and not file.name.startswith(".")
-
-
-def _frame(file: Path):
-    mesh = obj_ply.load(file).mesh
-    if mesh is None:
-        raise FileError(file, "has no faces; the frames of a mesh sequence are meshes, scans are not read yet")
-    return mesh

@@ -1,4 +1,5 @@
-"""What an .npz file is, told by the names of its arrays: a motion or a model of the SMPL family, or a mesh sequence."""
+"""What an .npz file is, told by the names of its arrays: a motion or a model of the SMPL family, a mesh sequence, or
+point clouds."""
 
 from __future__ import annotations
 
@@ -30,6 +31,7 @@ CONTENTS = (
         "retarget.io.amass",
     ),
     Content("a mesh sequence", (("vertices", "faces"),), "retarget.io.npz_sequence"),
+    Content("point clouds", (("points",),), "retarget.io.npz_clouds"),
 )
 """The first that fits decides."""
 

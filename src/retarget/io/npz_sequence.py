@@ -33,7 +33,7 @@ def load(archive: Archive) -> Asset:
     corners = archive.integers("faces")
     if corners.size and not 0 <= corners.min() <= corners.max() < shape[1]:
         raise archive.fail("faces", f"names vertices from {corners.min()} to {corners.max()}; there are {shape[1]}")
-    fps, notes = FPS, []
+    fps, notes = rate_of(archive)
     try:
         places, missing = bridged(archive.numbers("vertices", holes=True))
     except RetargetError as error:
@@ -41,16 +41,19 @@ def load(archive: Archive) -> Asset:
     if len(missing):
         listed = ", ".join(map(str, missing[:8].tolist())) + (", ..." if len(missing) > 8 else "")
         notes.append(f"{len(missing)} of {shape[0]} frames are not finite ({listed}); they are bridged from those beside them")
-    if "fps" in archive:
-        rate = archive.numbers("fps")
-        if rate.size != 1 or not rate.item() > 0:
-            raise archive.fail("fps", "must be one positive number")
-        fps = float(rate.item())
-    else:
-        notes.append(f"the archive states no frame rate; {FPS:g} a second is taken")
     name = archive.path.stem
     sequence = MeshMotion(Mesh(places[0], corners), places.astype(np.float32), fps, name)
     return Asset(archive.path, "mesh sequence", sequence=sequence, notes=tuple(notes))
+
+
+def rate_of(archive: Archive) -> tuple[float, list[str]]:
+    """Frames a second that an archive states, and a note where it does not. Raises `FileError` for a rate that is none."""
+    if "fps" not in archive:
+        return FPS, [f"the archive states no frame rate; {FPS:g} a second is taken"]
+    rate = archive.numbers("fps")
+    if rate.size != 1 or not rate.item() > 0:
+        raise archive.fail("fps", "must be one positive number")
+    return float(rate.item()), []
 
 
 def save(path: str | Path, motion: MeshMotion) -> None:

@@ -44,8 +44,9 @@ BLOCK = 1 << 14
 """Vertices or faces turned into text at a time."""
 
 
-def load(path: str | Path) -> Asset:
-    """Read an OBJ or PLY file: kind 'mesh', or 'points' when it has no faces.
+def load(path: str | Path, empty: bool = False) -> Asset:
+    """Read an OBJ or PLY file: kind 'mesh', or 'points' when it has no faces. With `empty` a PLY without vertices is a cloud of no
+    points (a frame in which nothing was seen).
 
     Texture coordinates are kept where no vertex has two of them (without seams). Raises `FileError` with the place for
     what cannot be read, numbers that are not finite, and faces that name vertices that do not exist.
@@ -54,7 +55,7 @@ def load(path: str | Path) -> Asset:
     try:
         with open(path, "rb") as file:
             if path.suffix.lower() == ".ply":
-                surface, notes = read_ply(path, file)
+                surface, notes = read_ply(path, file, empty)
             else:
                 surface, notes = _read_obj(path, file)
     except OSError as error:
@@ -65,12 +66,17 @@ def load(path: str | Path) -> Asset:
 
 
 def save(path: str | Path, surface: Mesh | PointCloud) -> None:
-    """Write a mesh or a cloud as OBJ (text, 9 digits) or PLY (binary, double precision); the suffix chooses.
+    """Write a mesh or a cloud as OBJ (text, 9 digits) or PLY (binary, double precision); the suffix chooses. Clouds are written as
+    PCD, too.
 
     Materials are not written. The file appears whole or not at all. Raises `FileError` for another suffix or a folder
     that cannot be written.
     """
     path = Path(path)
+    if path.suffix.lower() == ".pcd" and isinstance(surface, PointCloud):
+        from retarget.io import pcd
+
+        return pcd.save(path, surface)
     if path.suffix.lower() not in (".obj", ".ply"):
         received = path.suffix or "a file without suffix"
         raise FileError(path, f"a bare surface is written as .obj or .ply, not as {received!r}")

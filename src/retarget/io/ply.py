@@ -51,8 +51,8 @@ class _Element:
     properties: list[_Property] = field(default_factory=list)
 
 
-def read_ply(path: Path, file: BinaryIO) -> tuple[Mesh | PointCloud, tuple[str, ...]]:
-    """The surface in a PLY file and what is to be said of it. Raises `FileError`."""
+def read_ply(path: Path, file: BinaryIO, empty: bool = False) -> tuple[Mesh | PointCloud, tuple[str, ...]]:
+    """The surface in a PLY file and what is to be said of it; with `empty` there may be none. Raises `FileError`."""
     byte_order, elements, line = _read_header(path, file)
     body = _Bytes(path, file.tell(), file.read(), byte_order) if byte_order else _Text(path, file.read(), line)
     found: dict[str, dict[str, Any]] = {}
@@ -60,25 +60,26 @@ def read_ply(path: Path, file: BinaryIO) -> tuple[Mesh | PointCloud, tuple[str, 
         if {"vertex", "face"} <= found.keys():
             break  # whatever follows is of no interest
         found[element.name] = _read_element(body, element)
-    vertices = _vertices(path, found.get("vertex", {}))
+    vertices = _vertices(path, found.get("vertex", {}), empty)
     faces = found.get("face", {})
     polygons = faces.get("vertex_indices", faces.get("vertex_index"))
     if polygons is None:
         if "face" in found or "tristrips" in found:
             problem = "its faces are not given as 'property list ... vertex_indices'; export them as polygons"
             raise FileError(path, problem)
-        return _cloud(path, vertices)
+        return finite_cloud(path, vertices, empty)
     if not isinstance(polygons, tuple):
         raise FileError(path, "vertex_indices must be a list property")
     if not len(polygons[0]):
-        return _cloud(path, vertices)
+        return finite_cloud(path, vertices, empty)
     return _mesh(path, vertices, found["vertex"], *polygons)
 
 
-def _cloud(path: Path, points: Float[Array, "points 3"]) -> tuple[PointCloud, tuple[str, ...]]:
-    """Scanners mark pixels without depth by NaN, so those are no fault of a cloud."""
+def finite_cloud(path: Path, points: Float[Array, "points 3"], empty: bool = False) -> tuple[PointCloud, tuple[str, ...]]:
+    """The finite ones of a file's points, and what is to be said of them. Scanners mark pixels without depth by NaN, so those are no
+    fault of a cloud. Raises `FileError` where none is left, unless it may be `empty`, and for absurdly large ones."""
     seen = np.isfinite(points).all(axis=1)
-    if not seen.any():
+    if not seen.any() and not empty:
         raise FileError(path, f"none of its {len(points)} points is finite")
     if not workable(points[seen]):
         raise FileError(path, "holds coordinates that are absurdly large")
@@ -111,11 +112,11 @@ def _mesh(
     return Mesh(vertices, fan(corners.astype(np.int64), counts), uvs=uvs), notes
 
 
-def _vertices(path: Path, columns: dict[str, Any]) -> Float[Array, "vertices 3"]:
+def _vertices(path: Path, columns: dict[str, Any], empty: bool) -> Float[Array, "vertices 3"]:
     axes = [columns.get(axis) for axis in "xyz"]
     if any(axis is None or isinstance(axis, tuple) for axis in axes):
         raise FileError(path, "declares no element 'vertex' with the properties x, y and z")
-    if not len(axes[0]):
+    if not len(axes[0]) and not empty:
         raise FileError(path, "holds no vertex")
     return np.stack(axes, axis=1).astype(np.float64)
 
@@ -349,3 +350,10 @@ def write_ply(file: BinaryIO, surface: Mesh | PointCloud) -> None:
         faces = np.empty(len(surface.faces), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
         faces["count"], faces["corners"] = 3, surface.faces
         file.write(faces.tobytes())
+
+
+def write_points(file: BinaryIO, points: Float[Array, "points 3"]) -> None:
+    """A cloud, binary, little endian, single precision: one frame of a capture."""
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *(f"property float {axis}" for axis in "xyz")]
+    file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
+    file.write(points.astype("<f4").tobytes())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,3 +38,32 @@ def written_whole(path: str | Path) -> Iterator[BinaryIO]:
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def folder_written_whole(path: str | Path) -> Iterator[Path]:
+    """A new folder to write frames into; it takes the name `path` when the block ends, and is removed when it fails.
+
+    Raises `FileError` where there is such a folder or file already, and where it cannot be written.
+    """
+    path = Path(path)
+    check_new_folder(path)
+    try:
+        made = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.absolute().parent))
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+    try:
+        yield made
+        made.chmod(0o755)
+        os.rename(made, path)
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+
+
+def check_new_folder(path: Path) -> None:
+    """Raise `FileError` unless a folder of that name can be made: told before any work."""
+    if path.exists():
+        raise FileError(path, "is there already; frames of two sequences in one folder would be mixed")
+    check_folder(path)

@@ -1,4 +1,4 @@
-"""Rows of a picture sheet from files: animated characters, bare motions, still characters and meshes."""
+"""Rows of a picture sheet from files: animated characters, bare motions, still characters, meshes, points."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from retarget.contact.support import support_limbs, support_points
 from retarget.errors import FileError, MatchError
 from retarget.io import load
 from retarget.io.asset import Asset
+from retarget.view.dots import dots_row
 from retarget.view.picture import Row, choose_frames, skeleton_mesh
 
 
@@ -28,8 +29,14 @@ def file_row(path: Path, columns: int, clip: str | None = None, smpl_model: Path
         chosen = np.unique(choose_frames(len(moving), columns))
         captions = tuple(f"{frame / moving.fps:.2f} s" for frame in chosen)
         return Row(path.stem, moving.mesh, moving.vertices[chosen].astype(np.float64), captions)
+    if asset.points is not None:
+        return dots_row(path.stem, [asset.points.points])
+    if asset.clouds is not None:
+        chosen = np.unique(choose_frames(len(asset.clouds), columns))
+        captions = tuple(f"{frame / asset.clouds.fps:.2f} s" for frame in chosen)
+        return dots_row(path.stem, [asset.clouds.clouds[frame] for frame in chosen], captions)
     if asset.character is None:
-        raise FileError(path, f"holds {asset.kind}; a picture needs a surface or a skeleton")
+        raise FileError(path, f"holds {asset.kind}; a picture needs a surface, points or a skeleton")
     motion = (
         asset.motion(clip if clip is not None else len(asset.clips) - 1 if asset.plays is None else asset.plays)
         if asset.clips
