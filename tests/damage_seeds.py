@@ -16,11 +16,12 @@ from draco_maker import compressed
 from fbx_maker import Picture, Shapes
 from fbx_maker import document as fbx
 from gltf_maker import PNG, pack, turn, worm
+from pcd_maker import pcd_of
 from smpl_maker import amass, angles
 from usd_maker import LOOK, animation, skeleton, stage, tube_mesh
 from vrm_maker import split, vrm
 
-from retarget.character import Mesh, MeshMotion
+from retarget.character import Mesh, MeshMotion, PointMotion
 from retarget.io import load, save_sequence
 from retarget.io.bvh import save as save_bvh
 from retarget.io.obj_ply import save as save_surface
@@ -110,7 +111,7 @@ def main(folder, real=()):
     warnings.simplefilter("ignore")
     kinds = {
         "bvh": _bvh, "gltf": _gltf, "glb": _glb, "vrm": _vrm, "draco": _draco, "meshopt": _meshopt, "morph": _morph, "amass": _amass,
-        "smpl": _smpl, "sequence": _sequence, "obj": _obj, "ply": _ply, "fbx": _fbx, "usda": _usda, "usdc": _usdc, "usdz": _usdz,
+        "smpl": _smpl, "sequence": _sequence, "clouds": _clouds, "pcd": _pcd, "obj": _obj, "ply": _ply, "fbx": _fbx, "usda": _usda, "usdc": _usdc, "usdz": _usdz,
     }  # fmt: skip
     for kind, make in kinds.items():
         (folder / kind).mkdir(parents=True)
@@ -184,6 +185,19 @@ def _morph(own):
 
 def _sequence(own):
     save_sequence(own / "0.npz", _waving())
+
+
+def _clouds(own):
+    points = np.random.default_rng(0).normal(size=(9, 3))
+    save_sequence(own / "0.npz", PointMotion((points[:4], points[:0], points[4:]), 24.0, "three"))
+    np.savez(own / "1.npz", points=points)
+
+
+def _pcd(own):
+    """In all three forms, of one point more than nine, colours between the coordinates."""
+    points = np.random.default_rng(0).normal(size=(10, 3)).astype(np.float32)
+    for number, form in enumerate(("ascii", "binary", "binary_compressed")):
+        (own / f"{number}.pcd").write_bytes(pcd_of(points, form))
 
 
 def _amass(own):

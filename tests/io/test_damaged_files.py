@@ -13,7 +13,7 @@ from retarget.io import READERS, load
 from retarget.io.child_fork import forking
 
 MUTATIONS = int(os.environ.get("RETARGET_MUTATIONS", 2000))
-KINDS = "amass bvh draco fbx glb gltf meshopt morph obj ply sequence smpl usda usdc usdz vrm".split()
+KINDS = "amass bvh clouds draco fbx glb gltf meshopt morph obj pcd ply sequence smpl usda usdc usdz vrm".split()
 
 
 @pytest.fixture(scope="session")

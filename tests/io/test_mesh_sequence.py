@@ -89,25 +89,39 @@ def test_materials_are_kept(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("content", "kind"),
     [
-        (lambda folder: (folder / "5.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), "has other faces than"),
-        (lambda folder: (folder / "5.obj").write_text("v 0 0 0\nv 1 0 0\n"), "has no faces"),
-        (lambda folder: (folder / "5.obj").write_text("v 0 0 x\n"), "5.obj"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "point sequence"),
+        ("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 2 4\n", "point sequence"),
+        ("v 0 0 0\nv 1 0 0\n", "point sequence"),
+        ("v 0 0 x\n", "mesh sequence"),
     ],
 )
-def test_faulty_frames_are_told(tmp_path, change, said):
+def test_one_set_of_faces_makes_a_mesh_sequence(tmp_path, content, kind):
     folder = tmp_path / "frames"
     folder.mkdir()
     for number in range(7):
         save_surface(folder / f"{number}.obj", quad().mesh)
-    change(folder)
-    with pytest.raises(FileError, match=said):
-        load(folder)
+    (folder / "5.obj").write_text(content)
+    assert load(folder).kind == kind
+
+
+def test_frames_that_cannot_be_read_are_bridged(tmp_path):
+    save_sequence(tmp_path / "frames", quad())
+    (tmp_path / "frames" / "0000.ply").write_text("ply?")
+    (tmp_path / "frames" / "0003.ply").write_bytes((tmp_path / "frames" / "0003.ply").read_bytes()[:-30])
+    asset = load(tmp_path / "frames")
+    assert asset.kind == "mesh sequence" and np.abs(asset.sequence.vertices[1:] - quad().vertices[1:]).max() < 1e-6
+    assert np.array_equal(asset.sequence.vertices[0], asset.sequence.vertices[1])
+    assert "2 of 12 files cannot be read and are bridged from those beside them (0000.ply: is not a PLY file" in asset.notes[1]
+    for number in range(4, 9):
+        (tmp_path / "frames" / f"{number:04d}.ply").write_text("")
+    with pytest.raises(FileError, match=r"7 of its 12 files cannot be read as frames; of the first: .*0000.ply: is not a PLY file"):
+        load(tmp_path / "frames")
 
 
 def test_folders_that_hold_none(tmp_path, monkeypatch):
-    with pytest.raises(FileError, match=r"holds no .obj or .ply files"):
+    with pytest.raises(FileError, match=r"the folder holds no frames"):
         load(tmp_path)
     save_surface(tmp_path / "0.obj", quad().mesh)
     monkeypatch.setattr("retarget.io.mesh_folder.LARGEST", 10)

@@ -30,8 +30,10 @@ MOST_PIXELS = 1 << 24
 """Of one camera's picture: 16 million, more than any depth camera has."""
 EDGE = 0.03
 """Difference of depth between neighbouring pixels that is an edge, as a part of the studio's reach."""
-FLOOR_BEHIND = 0.25
+FLOWN = 0.25
 """How far flying points reach behind an edge, as a part of the reach."""
+FLOOR_AROUND = 0.2
+"""How far around the body floor is left in, as a part of the reach: what lies further away is cut off, as users do."""
 
 
 @dataclass(frozen=True)
@@ -130,13 +132,15 @@ class Studio:
         scanner = self.scanner
         placed = self._projected(camera, places)
         bounds = placed[: len(body), :2]
-        left, top = np.floor(bounds.min(axis=0)) - 1.0
-        columns, rows = (np.ceil(bounds.max(axis=0)) + 1.0 - (left, top)).clip(0, 1e9).astype(int)
+        around = 1.0 + (len(self.floor_faces) > 0) * FLOOR_AROUND * self.reach * self.focal / self.middle
+        left, top = np.floor(bounds.min(axis=0) - around)
+        columns, rows = (np.ceil(bounds.max(axis=0) + around) - (left, top)).clip(0, 1e9).astype(int)
         if rows * columns > MOST_PIXELS:
             raise RetargetError(f"a picture of {columns} x {rows} pixels is too large; choose larger pixels or fewer points")
         nearness, owner = np.zeros((rows, columns)), np.full((rows, columns), -1, dtype=np.int64)
         look(placed, faces, left, top, nearness, owner)
         row, column = np.nonzero(owner >= 0)
+        is_floor = owner[row, column] >= len(faces) - len(self.floor_faces)
         depth = 1.0 / nearness[row, column]
         across = np.stack([column + left + 0.5, row + top + 0.5], axis=1)
         if scanner.outliers:
@@ -145,7 +149,7 @@ class Studio:
             facing = np.empty(len(row))
             facings(placed, faces, owner, self.focal, left, top, row, column, facing)
             kept = self._kept(facing, row, column, draw)
-            depth, across = depth[kept], across[kept]
+            depth, across, is_floor = depth[kept], across[kept], is_floor[kept]
         growth = (depth / self.middle) ** 2
         depth = depth + draw.normal(size=len(depth)) * scanner.noise * growth
         if scanner.steps:
@@ -153,7 +157,11 @@ class Studio:
             step = scanner.steps / self.middle**2
             depth = 1.0 / np.maximum(np.round((1.0 / depth) / step) * step, step)
         rays = np.concatenate([across / self.focal, np.ones((len(depth), 1))], axis=1)
-        return (rays * depth[:, None]) @ self.axes[camera] + self.believed[camera]
+        points = (rays * depth[:, None]) @ self.axes[camera] + self.believed[camera]
+        if not is_floor.any():
+            return points
+        low, high = body.min(axis=0) - FLOOR_AROUND * self.reach, body.max(axis=0) + FLOOR_AROUND * self.reach
+        return points[~is_floor | ((points > low) & (points < high)).all(axis=1)]
 
     def _projected(self, camera: int, places: Array) -> Array:
         """Pixels right and down of the middle of the picture, and depth."""
@@ -168,7 +176,7 @@ class Studio:
         around = [padded[row + 1 + down, column + 1 + right] for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0))]
         behind = np.max(around, axis=0)
         at_edge = np.flatnonzero((behind - depth > EDGE * self.reach) & (draw.random(len(depth)) < self.scanner.outliers))
-        gap = np.minimum(behind[at_edge] - depth[at_edge], FLOOR_BEHIND * self.reach)
+        gap = np.minimum(behind[at_edge] - depth[at_edge], FLOWN * self.reach)
         flown = depth.copy()
         flown[at_edge] += gap * draw.random(len(at_edge))
         return flown

@@ -52,7 +52,7 @@ def _chosen(cloud: Array) -> Array:
 
 
 def _spacing(clouds: Sequence[Array]) -> float:
-    """Half of what usually lies between neighbouring points, within a 1,000th and a 50th of the cloud's size."""
+    """Most of what usually lies between neighbouring points, within a 1,000th and a 50th of the cloud's size."""
     from scipy.spatial import cKDTree
 
     cloud = max(clouds, key=len, default=np.zeros((0, 3)))
@@ -60,4 +60,4 @@ def _spacing(clouds: Sequence[Array]) -> float:
         return 0.01
     size = float(np.linalg.norm(np.ptp(cloud, axis=0))) or 1.0
     apart = float(np.median(cKDTree(cloud).query(cloud, 2)[0][:, 1]))
-    return float(np.clip(0.5 * apart, size / 1000, size / 50))
+    return float(np.clip(0.7 * apart, size / 1000, size / 50))
