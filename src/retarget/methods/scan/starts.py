@@ -1,0 +1,128 @@
+"""Where a fit begins when nothing is known of the frame before: a regressor's guess and its mirror images, or stances tried all
+around."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from retarget.body import rotations as rot
+from retarget.body.human import human_model
+from retarget.methods.scan.cloud import Bins, binned
+from retarget.methods.scan.fit import Expected, Fit, fit_cloud
+from retarget.methods.scan.scan_body import BODY, ScanBody
+from retarget.rig.fit_model import BodyState
+
+Array = np.ndarray
+
+SKETCH = 400
+"""Points of the cloud that many starts are tried on."""
+FINALISTS = 3
+ROUGH = (0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.12, 0.1, 0.08, 0.06)
+"""Reaches (metres) from a start that may be far off."""
+FINE = (0.1, 0.1, 0.08, 0.06, 0.05, 0.05, 0.04, 0.04)
+"""Reaches (metres) from a regressor's guess, and to finish with."""
+YAWS = 8
+ARMS = (0.0, 45.0, -35.0)
+"""Degrees that the arms of a stance are lifted above the rest pose's."""
+
+
+class Guess(Protocol):
+    """What a regressor sees in a cloud."""
+
+    places: Float[Array, "joints 3"]
+    """Joints, metres."""
+    turns: Float[Array, "joints 4"]
+    """World-from-rest rotations (xyzw) of the joints of the embedded human."""
+    names: Sequence[str]
+    """Their canonical names."""
+
+
+class Regressor(Protocol):
+    """Joints and turns of the embedded human from a cloud of points, without knowledge of frames before."""
+
+    def __call__(self, points: Float[Array, "points 3"]) -> Guess: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """One way the body may stand in the cloud."""
+
+    state: BodyState
+    guessed: bool
+    """By a regressor: then it is near."""
+
+
+def misfit(fit: Fit) -> float:
+    """What fits are compared by, metres: distance of what is explained, the cloud that is not, and skin that is not shown."""
+    return float(np.hypot(fit.distance, 0.06 * np.sqrt(max(1.0 - fit.explained, 0.0))) + 0.02 * (1.0 - fit.seen))
+
+
+def guessed_starts(body: ScanBody, guess: Guess) -> Iterator[Start]:
+    """The guess, and the same places taken by a body that looks the other way."""
+    order = [list(guess.names).index(name) for name in human_model().joint_names[:BODY]]
+    places, turns = np.asarray(guess.places)[order].astype(float), rot.to_matrix(np.asarray(guess.turns)[order].astype(float))
+    child, above = np.arange(1, BODY), body.parents[1:]
+    lengths = [np.linalg.norm(each[child] - each[above], axis=1).sum() for each in (places, body.joints)]
+    shape = np.zeros(body.shapes)
+    shape[-1] = np.clip(lengths[0] / lengths[1], 0.3, 1.6) - 1.0
+    other = _other_side()
+    half = np.diag([-1.0, 1.0, -1.0])
+    for where, how in ((places, turns), (places[other], turns[other] @ half)):
+        yield Start(_placed(body, shape, how, where), True)
+
+
+def stances(body: ScanBody, points: Float[Array, "points 3"]) -> Iterator[Start]:
+    """The body upright where the cloud is, as tall as it, facing all around, arms at different heights."""
+    low, high = np.percentile(points, [1, 99], axis=0)
+    shape = np.zeros(body.shapes)
+    shape[-1] = np.clip((high[1] - low[1]) / 1.68, 0.4, 1.3) - 1.0
+    middle = np.median(points, axis=0)
+    for lift in np.radians(ARMS):
+        for yaw in np.arange(YAWS) * 2 * np.pi / YAWS:
+            facing = rot.to_matrix(rot.from_rotation_vector(np.array([0.0, yaw, 0.0])))
+            turns = np.tile(facing, (BODY, 1, 1))
+            for side, sign in (("left", 1.0), ("right", -1.0)):
+                arm = rot.to_matrix(rot.from_rotation_vector(np.array([0.0, 0.0, sign * lift])))
+                for joint in ("UpperArm", "LowerArm", "Hand"):
+                    turns[human_model().joint_names.index(side + joint)] = facing @ arm
+            root = body.rest_joints(shape)[0] * [0, 1, 0] + middle * [1, 0, 1] + [0, low[1], 0]
+            yield Start(BodyState(shape, turns, root), False)
+
+
+def best_fit(body: ScanBody, starts: Iterable[Start], points: Float[Array, "points 3"], expected: Expected) -> Fit:
+    """The fit that explains the cloud best, each start tried on a part of it, the best few on all."""
+    starts, cloud = list(starts), binned(points)
+    if len(starts) > FINALISTS:
+        sketch = binned(np.ascontiguousarray(points[:: max(1, len(points) // SKETCH)]))
+        tried = [_settled(body, start, sketch, expected, ROUGH[::2]) for start in starts]
+        tried.sort(key=misfit)
+        starts = [Start(fit.state, False) for fit in tried[:FINALISTS]]
+    fits = [_settled(body, start, cloud, expected, FINE if start.guessed else (*ROUGH, *FINE)) for start in starts]
+    return min(fits, key=misfit)
+
+
+def _settled(body: ScanBody, start: Start, cloud: Bins, expected: Expected, reaches: Sequence[float]) -> Fit:
+    return fit_cloud(body, start.state, cloud, expected, reaches, shaping=True, across=0.1)
+
+
+def _placed(body: ScanBody, shape: Array, turns: Array, places: Float[Array, "joints 3"]) -> BodyState:
+    """The state whose joints lie around the places."""
+    rest = body.rest_joints(shape)
+    joints = np.zeros_like(rest)
+    for joint in range(1, BODY):
+        above = body.parents[joint]
+        joints[joint] = joints[above] + turns[above] @ (rest[joint] - rest[above])
+    return BodyState(shape, turns, (places - joints).mean(axis=0))
+
+
+def _other_side() -> list[int]:
+    """For each joint that of the other side."""
+    names = human_model().joint_names[:BODY]
+    swap = {"left": "right", "right": "left"}
+    side = lambda name: next((each for each in swap if name.startswith(each)), "")  # noqa: E731
+    return [names.index(swap[side(name)] + name.removeprefix(side(name))) if side(name) else at for at, name in enumerate(names)]

@@ -1,0 +1,216 @@
+"""A body followed through a stream of clouds: one frame in, one pose out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from retarget.body import rotations as rot
+from retarget.body.human import human_model
+from retarget.character import Character, Pose
+from retarget.methods.scan.cloud import binned, pieces, thinned, without_floor
+from retarget.methods.scan.fit import (
+    Expected,
+    Fit,
+    fit_cloud,
+    relative_turns,
+    rotation_vectors,
+    turn_matrices,
+    world_turns,
+)
+from retarget.methods.scan.scan_body import BODY, ScanBody, ShapedBody, scan_body
+from retarget.methods.scan.starts import Regressor, Start, best_fit, guessed_starts, misfit, stances
+from retarget.methods.scan.usual import steadiness, usual_precision
+from retarget.rig.fit_model import BodyState
+
+Array = np.ndarray
+
+FOLLOWED, FOUND, HELD, NOBODY = "followed", "found", "held", "nobody"
+"""What became of a frame: the pose before was followed, the body was looked for and found, the cloud says nothing and the last
+pose is held, or nobody has been found yet."""
+REACHES = (0.1, 0.06, 0.045, 0.035)
+"""Metres: a round of the fit each."""
+FEWEST = 80
+"""Points of a thinned cloud in which a body can be followed."""
+ALMOST, ENOUGH = 0.06, 0.045
+"""Metres of misfit beyond which a frame is not believed, and a new start not."""
+SETTLED = 45
+"""Well fitted frames after which the shape stays as it is."""
+SHAPE_GAIN = 0.1
+"""Share of what a frame says of the shape that is believed: neighbouring frames err alike."""
+GAIN = 0.8
+"""Share of a surprise that is taken for a change of speed."""
+CALM = 0.95
+"""Share of its speed that a body keeps from one frame to the next where nothing else is known."""
+ROOT_UNSTEADY = 0.02
+"""Metres that the hips are off from what their speed foretells: one standard deviation."""
+PATIENCE = 5
+"""Frames that may not be believed until the body is looked for again."""
+OUTLYING = 0.35
+"""Metres around the body that was there before, beyond which points are not looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """What a frame shows."""
+
+    pose: Pose | None
+    """Of all 52 joints of the embedded human, fingers at rest; None as long as nobody has been found."""
+    shape: Float[Array, "shapes"]
+    """Coefficients of `ScanBody` as they are known by now."""
+    status: str
+    """`FOLLOWED`, `FOUND`, `HELD` or `NOBODY`."""
+    confidence: float
+    """0 to 1, by how well the body explains the cloud."""
+    distance: float
+    """Metres between skin and cloud, root mean square; infinite where there is neither."""
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What a tracker knows of the frames before."""
+
+    state: BodyState
+    shaped: ShapedBody
+    speed: Float[Array, "joints 3"]
+    """Rotation vectors a frame, in the parents' frames."""
+    root_speed: Float[Array, "3"]
+    shape_precision: Float[Array, "shapes shapes"]
+    good: int = 0
+    """Well fitted frames so far."""
+    held: int = 0
+    """Frames in a row that were not believed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracker:
+    """Follows one body. Frames are expected about a thirtieth of a second apart, in metres with +Y up."""
+
+    regressor: Regressor | None = None
+    """Says where to begin; without one stances are tried."""
+    fps: float = 30.0
+    shape: Float[Array, "shapes"] | None = None
+    """The actor's shape where it is known; it then stays."""
+    memory: list[Memory] = field(default_factory=list)
+    """The last, where there is one."""
+
+    def step(self, points: Shaped[Array, "points 3"]) -> Tracked:
+        """The next frame; any number of points, also none. Never raises for what they are."""
+        body = scan_body()
+        cloud = without_floor(thinned(points))
+        memory = self.memory[0] if self.memory else None
+        if memory is None or memory.held > PATIENCE:
+            return self._looked_for(body, cloud, memory)
+        near = cloud[_around(cloud, memory)] if len(cloud) else cloud
+        if len(near) < FEWEST:
+            return self._hold(memory)
+        shaping = self.shape is None and memory.good < SETTLED
+        expected = self._expected(body, memory)
+        start = BodyState(memory.state.shape, world_turns(body, expected.turns), expected.root)
+        fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, None if shaping else memory.shaped)
+        if misfit(fit) > ALMOST or fit.explained < 0.4:
+            return self._hold(memory)
+        return self._follow(body, memory, expected, fit, shaping)
+
+    def _expected(self, body: ScanBody, memory: Memory) -> Expected:
+        step = 30.0 / self.fps
+        relative = relative_turns(body, memory.state.turns)
+        turns = np.matmul(turn_matrices(memory.speed), relative)
+        return Expected(
+            turns, steadiness() / step**2, usual_precision(), memory.state.root + memory.root_speed,
+            (ROOT_UNSTEADY * step) ** -2, memory.state.shape, memory.shape_precision,
+        )  # fmt: skip
+
+    def _follow(self, body: ScanBody, memory: Memory, expected: Expected, fit: Fit, shaping: bool) -> Tracked:
+        surprise = rotation_vectors(np.matmul(relative_turns(body, fit.state.turns), expected.turns.transpose(0, 2, 1)))
+        speed = CALM * memory.speed + GAIN * surprise
+        root_speed = CALM * memory.root_speed + GAIN * (fit.state.root - expected.root)
+        precision = memory.shape_precision
+        if shaping:
+            precision = precision + SHAPE_GAIN * _shape_information(body, fit, expected)
+        shaped = body.shaped(fit.state.shape) if shaping else memory.shaped
+        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, memory.good + 1)]
+        return _told(body, fit, FOLLOWED)
+
+    def _hold(self, memory: Memory) -> Tracked:
+        still = replace(memory, speed=0 * memory.speed, root_speed=0 * memory.root_speed, held=memory.held + 1)
+        self.memory[:] = [still]
+        return Tracked(pose_of(memory.state), memory.state.shape, HELD, 0.0, float("inf"))
+
+    def _looked_for(self, body: ScanBody, cloud: Array, memory: Memory | None) -> Tracked:
+        if len(cloud) >= FEWEST:
+            cloud = cloud[pieces(cloud) == 0]
+        if len(cloud) < FEWEST:
+            return self._nobody(body, memory)
+        fit = best_fit(body, self._starts(body, cloud), cloud, self._unknown(body, memory))
+        if misfit(fit) > ENOUGH:
+            return self._nobody(body, memory)
+        shaping = self.shape is None and (memory is None or memory.good < SETTLED)
+        state, precision = fit.state, np.diag(body.spread**-2.0)
+        if not shaping:
+            state = replace(state, shape=self.shape if self.shape is not None else memory.state.shape)
+        elif memory is not None:
+            precision = memory.shape_precision
+        shaped, still = body.shaped(state.shape), np.zeros((BODY, 3))
+        self.memory[:] = [Memory(state, shaped, still, np.zeros(3), precision, 0 if memory is None else memory.good)]
+        return _told(body, replace(fit, state=state), FOUND)
+
+    def _starts(self, body: ScanBody, cloud: Array) -> list[Start]:
+        if self.regressor is None:
+            return list(stances(body, cloud))
+        return list(guessed_starts(body, self.regressor(cloud)))
+
+    def _unknown(self, body: ScanBody, memory: Memory | None) -> Expected:
+        """Nothing is expected but a body."""
+        shape, precision = np.zeros(body.shapes), np.diag(body.spread**-2.0)
+        if self.shape is not None:
+            shape, precision = self.shape, 1e6 * precision
+        elif memory is not None:
+            shape, precision = memory.state.shape, memory.shape_precision
+        turns = np.tile(np.eye(3), (BODY, 1, 1))
+        return Expected(turns, np.zeros(BODY), usual_precision(), np.zeros(3), 0.0, shape, precision)
+
+    def _nobody(self, body: ScanBody, memory: Memory | None) -> Tracked:
+        if memory is not None:
+            return self._hold(memory)
+        shape = np.zeros(body.shapes) if self.shape is None else self.shape
+        return Tracked(None, shape, NOBODY, 0.0, float("inf"))
+
+    def character(self) -> Character:
+        """The actor as known by now: the embedded human in the shape seen so far."""
+        shape = self.memory[0].state.shape if self.memory else self.shape
+        return scan_body().character(np.zeros(scan_body().shapes) if shape is None else shape)
+
+
+def pose_of(state: BodyState) -> Pose:
+    """A state as a pose of the embedded human's 52 joints: fingers rest in their hands."""
+    rotations = np.tile(rot.IDENTITY, (len(human_model().parents), 1))
+    rotations[:BODY] = rot.from_matrix(relative_turns(scan_body(), state.turns))
+    return Pose(rotations, state.root[None])
+
+
+def _told(body: ScanBody, fit: Fit, status: str) -> Tracked:
+    confidence = float(np.clip((ALMOST - misfit(fit)) / (ALMOST - 0.01), 0.0, 1.0))
+    return Tracked(pose_of(fit.state), fit.state.shape, status, confidence, fit.distance)
+
+
+def _around(cloud: Float[Array, "points 3"], memory: Memory) -> Array:
+    """Which points lie in the box around where the body was."""
+    import retarget.methods.scan.fit_kernels as kernels
+
+    body, joints = scan_body(), np.empty_like(memory.shaped.joints)
+    kernels.place_joints(body.parents, memory.shaped.joints, memory.state.turns, memory.state.root, joints, np.empty_like(joints))
+    low, high = joints.min(axis=0) - OUTLYING, joints.max(axis=0) + OUTLYING
+    return ((cloud >= low) & (cloud <= high)).all(axis=1)
+
+
+def _shape_information(body: ScanBody, fit: Fit, expected: Expected) -> Float[Array, "shapes shapes"]:
+    """What the frame says of the shape when the pose is unknown: the Schur complement of its equations."""
+    first = 3 * BODY + 3
+    pose = fit.information[:first, :first] + np.diag(
+        np.concatenate([np.repeat(expected.turn_precision, 3), np.full(3, expected.root_precision)])
+    )
+    cross = fit.information[:first, first:]
+    return fit.information[first:, first:] - cross.T @ np.linalg.solve(pose + 1e-3 * np.eye(first), cross)
