@@ -11,7 +11,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from retarget import cli_capture, cli_files, cli_rig
+from retarget import cli_capture, cli_files, cli_rig, cli_scan
 from retarget.cli_options import (
     AnimationOnly,
     ContactsFile,
@@ -156,6 +156,8 @@ def run(
 
 
 app.command()(cli_rig.rig)
+app.command()(cli_scan.skeleton)
+app.command()(cli_scan.stream)
 app.command()(cli_files.batch)
 app.command()(cli_files.convert)
 app.command()(cli_capture.simulate_scan)

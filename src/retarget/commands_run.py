@@ -28,8 +28,8 @@ from retarget.io.asset import Asset
 from retarget.io.mesh_folder import holds_frames
 from retarget.io.presets import Preset, preset
 from retarget.methods import Result, save_results
-from retarget.motion.filter import cut, cut_surface, resample
-from retarget.performing import Performer, cast_sequence
+from retarget.motion.filter import cut, cut_clouds, cut_surface, resample
+from retarget.performing import Performer, ScanPerformer, cast_scan, cast_sequence
 from retarget.progress import Tell, progress_line
 from retarget.retargeting import Production, prepare
 
@@ -94,7 +94,7 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
             asset = load(file, smpl_model=order.smpl_model if file.suffix.lower() == ".npz" else None)
             for note in asset.notes:
                 log.info("%s: %s", file, note)
-            performer = _performer(asset, order, source_hints, tell) if asset.sequence is not None else None
+            performer = _performer(asset, order, source_hints, tell)
             wanted = [0] if performer is not None else _wanted_clips(asset, order)
             if order.page is not None:
                 _expect_one(order.page, len(wanted), "clips")
@@ -110,7 +110,7 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
                     motion = _at_rate(part, order)
                     production = prepare(cast(asset, source_hints, motion), target, order.method, **settings)
                 started = time.perf_counter()
-                result = production(motion, part.made_from, None if performer is None else performer.surface)
+                result = production(motion, part.made_from, performer.surface if isinstance(performer, Performer) else None)
                 performance = Performance(file, output, production, part, result)
                 done.append(_report_clip(file, motion, result, production, time.perf_counter() - started))
                 waiting.append(result)
@@ -162,14 +162,19 @@ def _expect_surface(order: Order, count: int) -> None:
     check_sequence_output(order.output)
 
 
-def _performer(asset: Asset, order: Order, hints: Hints, tell: Tell) -> Performer:
-    """Who performs a mesh sequence. Its rate is `--fps`, which folders do not tell."""
+def _performer(asset: Asset, order: Order, hints: Hints, tell: Tell) -> Performer | ScanPerformer | None:
+    """Who performs a mesh sequence or a capture; None for what has joints. Its rate is `--fps`, which folders do not tell."""
+    moving = asset.sequence or asset.clouds
+    if moving is None:
+        return None
     if order.clip is not None:
-        raise FileError(asset.path, "holds one mesh sequence: --clip does not apply")
-    moving = asset.sequence if order.fps is None else replace(asset.sequence, fps=order.fps)
+        raise FileError(asset.path, f"holds one {asset.kind}: --clip does not apply")
+    moving = moving if order.fps is None else replace(moving, fps=order.fps)
+    doing = lambda what, _=0: tell(what)  # noqa: E731
     try:
-        moving = cut_surface(moving, order.start, order.end)
-        return cast_sequence(moving, hints, asset.convention, tell=lambda doing, _: tell(doing))
+        if asset.clouds is not None:
+            return cast_scan(cut_clouds(moving, order.start, order.end), hints, asset.convention, tell=doing)
+        return cast_sequence(cut_surface(moving, order.start, order.end), hints, asset.convention, tell=doing)
     except RetargetError as error:
         raise FileError(asset.path, str(error)) from None
 

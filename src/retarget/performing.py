@@ -1,17 +1,19 @@
-"""Who performs a mesh sequence: its surface gets a rig, and the rig the motion that explains it."""
+"""Who performs where no skeleton does: the surface of a mesh sequence gets a rig, and the rig the motion that explains it; a
+capture gets an embedded human of the actor's shape that follows its clouds."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Bool, Float, Shaped
 
 from retarget.body import rotations as rot
 from retarget.casting import Hints, cast
-from retarget.character import Character, MeshMotion, Motion
+from retarget.character import Character, MeshMotion, Motion, PointMotion
 from retarget.errors import RetargetError
 from retarget.io.asset import Convention
+from retarget.methods.scan.starts import Regressor
 from retarget.motion.align import AXES, Actor
 from retarget.motion.fit import fit_motion
 from retarget.motion.joint_frames import prepare_frames
@@ -55,6 +57,47 @@ def cast_sequence(
     notes = (f"rigged by frame {frame}, with confidence {rigged.confidence:.2f}", *rigged.notes)
     actor = cast(character)
     return Performer(replace(actor, notes=(*notes, *actor.notes)), motion, surface, notes)
+
+
+@dataclass(frozen=True, eq=False)
+class ScanPerformer:
+    """An embedded human in the actor's shape that does what a capture shows."""
+
+    actor: Actor
+    motion: Motion
+    """Of the actor, in metres with +Y up."""
+    shown: Bool[Array, "frames"]
+    """Which frames showed the body; on others it is interpolated."""
+    notes: tuple[str, ...]
+
+
+def cast_scan(
+    capture: PointMotion,
+    hints: Hints | None = None,
+    convention: Convention | None = None,
+    regressor: Regressor | None = None,
+    causal: bool = False,
+    tell: Tell = untold,
+) -> ScanPerformer:
+    """Fit the embedded human to a capture's clouds, in shape and motion.
+
+    Up axis and unit are the hints', else the file's, else what some of the frames show. `regressor` says where to begin (None:
+    the one that comes with the program, where there is one); `causal` follows frame by frame, as online. Raises `RetargetError`
+    where no frame shows a human body, or where two are seen.
+    """
+    from retarget.methods.scan.clip import follow_clip
+    from retarget.methods.scan.evidence import look_at
+    from retarget.methods.scan.starts import own_regressor
+
+    hints, known = hints or Hints(), convention or Convention()
+    regressor = regressor or own_regressor()
+    tell("looking for the body")
+    seen = look_at(capture.clouds, regressor, hints.up or known.up, hints.unit or known.metres_per_unit)
+    clouds = tuple(seen.space.points(cloud).astype(np.float32) for cloud in capture.clouds)
+    followed = follow_clip(replace(capture, clouds=clouds), regressor, causal, tell)
+    notes = (*seen.notes, *followed.notes)
+    actor = cast(followed.character)
+    return ScanPerformer(replace(actor, notes=(*notes, *actor.notes)), followed.motion, followed.shown, notes)
 
 
 def _rigged(sequence: MeshMotion, vertices: Array, unit: float | None, tell: Tell) -> tuple[Rigged, int]:

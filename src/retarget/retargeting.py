@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Float
 
 from retarget.casting import Hints, cast, open_asset
-from retarget.character import Character, Mesh, MeshMotion, Motion, PointCloud, Provenance
+from retarget.character import Character, Mesh, MeshMotion, Motion, PointCloud, PointMotion, Provenance
 from retarget.errors import RetargetError, unknown_name
 from retarget.io.asset import Asset
 from retarget.methods import METHODS, Method, Result, Retargeter
 from retarget.motion.align import Actor, with_grafts
-from retarget.performing import Performer, cast_sequence
+from retarget.performing import Performer, ScanPerformer, cast_scan, cast_sequence
 
 Array = np.ndarray
 log = logging.getLogger("retarget")
@@ -73,7 +73,7 @@ class Production:
         return replace(result, stats=result.stats | {"notes": [*self.notes, *notes]})
 
 
-def prepare(source: Actor | Performer, target: Actor, method: str | Method = "auto", **settings: Any) -> Production:
+def prepare(source: Actor | Performer | ScanPerformer, target: Actor, method: str | Method = "auto", **settings: Any) -> Production:
     """Match a source and a target once, for many clips.
 
     Settings are the method's fields (`CopyRotations`: foot_lock, steady, limits, in_place). 'auto' is interaction for a
@@ -82,7 +82,7 @@ def prepare(source: Actor | Performer, target: Actor, method: str | Method = "au
     for an unknown method or setting, or bodies that do not match.
     """
     target, moving = with_grafts(target), isinstance(source, Performer)
-    source = source.actor if moving else source
+    source = source if isinstance(source, Actor) else source.actor
     if method != "auto":
         chosen = method if isinstance(method, Method) else choose_method(method, settings)
         said = f"method: {_method_name(chosen)}, as asked"
@@ -109,7 +109,7 @@ def _method_name(method: Method) -> str:
 
 
 def retarget(
-    motion: str | Path | Asset | Motion | MeshMotion,
+    motion: str | Path | Asset | Motion | MeshMotion | PointMotion,
     target: str | Path | Asset | Character | Mesh | PointCloud,
     *,
     source: str | Path | Asset | Character | None = None,
@@ -122,7 +122,7 @@ def retarget(
     """Put a motion on a body; `.save(path)` writes it.
 
     Takes files, assets or nouns; a `Motion` or `Character` handed in is in metres with +Y up. A mesh sequence gets a rig first
-    (`performing.cast_sequence`). `source` is the body that
+    (`performing.cast_sequence`), a capture an actor that follows its clouds (`performing.cast_scan`). `source` is the body that
     performs the motion, where the motion's own file has none. `clip` names the animation of a file with several. Further
     keywords are settings of the method (`prepare`). The result is in metres; saving leads it back into the target file's
     own unit and axes. Raises `RetargetError` (and its kin) for input that cannot be used.
@@ -138,6 +138,12 @@ def retarget(
         seen = cast_sequence(sequence, source_hints, convention)
         production = prepare(seen, cast(target, target_hints), method, **settings)
         return production(seen.motion, surface=seen.surface)
+    if isinstance(motion, PointMotion) or (isinstance(motion, Asset) and motion.clouds is not None):
+        if source is not None or clip is not None:
+            raise RetargetError("a capture is its own performer and has one clip: source and clip do not apply")
+        clouds, convention = (motion, None) if isinstance(motion, PointMotion) else (motion.clouds, motion.convention)
+        followed = cast_scan(clouds, source_hints, convention)
+        return prepare(followed, cast(target, target_hints), method, **settings)(followed.motion)
     if isinstance(motion, Motion):
         moving, performer = motion, source if source is not None else Character(motion.skeleton, name="the motion")
         made_from = None

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from retarget.body import rotations as rot
-from retarget.character import MeshMotion, Motion
+from retarget.character import MeshMotion, Motion, PointMotion
 from retarget.errors import RetargetError
 
 Array = np.ndarray
@@ -93,12 +93,22 @@ def cut(motion: Motion, start: float | None, end: float | None) -> Motion:
     return replace(motion, rotations=kept, translations=motion.translations[first:last], made_from=made_from)
 
 
+def cut_clouds(capture: PointMotion, start: float | None, end: float | None) -> PointMotion:
+    """The frames of a capture between two times in seconds. Raises `RetargetError` when nothing is left."""
+    chosen = _chosen_frames(len(capture), capture.fps, start, end)
+    return replace(capture, clouds=tuple(capture.clouds[frame] for frame in chosen))
+
+
 def cut_surface(sequence: MeshMotion, start: float | None, end: float | None) -> MeshMotion:
     """The frames of a mesh sequence between two times in seconds. Raises `RetargetError` when nothing is left."""
-    if start is None and end is None:
-        return sequence
-    seconds = np.arange(len(sequence)) / sequence.fps
+    chosen = _chosen_frames(len(sequence), sequence.fps, start, end)
+    return sequence if len(chosen) == len(sequence) else replace(sequence, vertices=sequence.vertices[chosen])
+
+
+def _chosen_frames(frames: int, fps: float, start: float | None, end: float | None) -> Int[Array, "_"]:
+    """Which frames lie between two times. Raises `RetargetError` where none does."""
+    seconds = np.arange(frames) / fps
     chosen = (seconds >= (start or 0.0) - 1e-9) & (seconds <= (np.inf if end is None else end) + 1e-9)
     if not chosen.any():
         raise RetargetError(f"no frame lies between {start or 0.0:g} s and {seconds[-1] if end is None else end:g} s of {seconds[-1]:g} s")
-    return replace(sequence, vertices=sequence.vertices[chosen])
+    return np.flatnonzero(chosen)

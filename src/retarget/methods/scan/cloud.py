@@ -9,9 +9,9 @@ from jaxtyping import Float, Int, Shaped
 
 Array = np.ndarray
 
-CELL = 0.025
+CELL = 0.02
 """Metres: of the points in a cube of this side the mean is taken. Raw clouds are dense at heads and hands."""
-MOST = 1500
+MOST = 1800
 """Points that are kept of a cloud, evenly."""
 MOST_CELLS = 2_000_000
 """Cubes around a cloud; where there are more, what lies far off is left out first, and then cubes are larger."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -31,6 +31,7 @@ ARMS = (0.0, 45.0, -35.0)
 """Degrees that the arms of a stance are lifted above the rest pose's."""
 
 
+@runtime_checkable
 class Guess(Protocol):
     """What a regressor sees in a cloud."""
 
@@ -42,10 +43,20 @@ class Guess(Protocol):
     """Their canonical names."""
 
 
+@runtime_checkable
 class Regressor(Protocol):
     """Joints and turns of the embedded human from a cloud of points, without knowledge of frames before."""
 
     def __call__(self, points: Float[Array, "points 3"]) -> Guess: ...
+
+
+def own_regressor() -> Regressor | None:
+    """The regressor that comes with the program; None where there is none, and stances are tried instead."""
+    try:
+        from retarget.methods.scan.regressor import load_regressor
+    except ImportError:
+        return None
+    return load_regressor()
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,6 +60,8 @@ class Tracked:
     """Of all 52 joints of the embedded human, fingers at rest; None as long as nobody has been found."""
     shape: Float[Array, "shapes"]
     """Coefficients of `ScanBody` as they are known by now."""
+    state: BodyState | None
+    """The same as world turns of the body's 22 joints."""
     status: str
     """`FOLLOWED`, `FOUND`, `HELD` or `NOBODY`."""
     confidence: float
@@ -93,28 +95,30 @@ class Tracker:
     fps: float = 30.0
     shape: Float[Array, "shapes"] | None = None
     """The actor's shape where it is known; it then stays."""
+    settled: int = SETTLED
+    """Well fitted frames after which the shape stays as it is."""
     memory: list[Memory] = field(default_factory=list)
     """The last, where there is one."""
 
     def step(self, points: Shaped[Array, "points 3"]) -> Tracked:
         """The next frame; any number of points, also none. Never raises for what they are."""
         body = scan_body()
-        cloud = without_floor(thinned(points))
+        cloud = ready(points)
         memory = self.memory[0] if self.memory else None
         if memory is None or memory.held > PATIENCE:
             return self._looked_for(body, cloud, memory)
-        near = cloud[_around(cloud, memory)] if len(cloud) else cloud
+        near = cloud[around(cloud, memory)] if len(cloud) else cloud
         if len(near) < FEWEST:
             return self._hold(memory)
-        shaping = self.shape is None and memory.good < SETTLED
-        expected = self._expected(body, memory)
+        shaping = self.shape is None and memory.good < self.settled
+        expected = self._foretold(body, memory)
         start = BodyState(memory.state.shape, world_turns(body, expected.turns), expected.root)
         fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, None if shaping else memory.shaped)
         if misfit(fit) > ALMOST or fit.explained < 0.4:
             return self._hold(memory)
         return self._follow(body, memory, expected, fit, shaping)
 
-    def _expected(self, body: ScanBody, memory: Memory) -> Expected:
+    def _foretold(self, body: ScanBody, memory: Memory) -> Expected:
         step = 30.0 / self.fps
         relative = relative_turns(body, memory.state.turns)
         turns = np.matmul(turn_matrices(memory.speed), relative)
@@ -132,22 +136,18 @@ class Tracker:
             precision = precision + SHAPE_GAIN * _shape_information(body, fit, expected)
         shaped = body.shaped(fit.state.shape) if shaping else memory.shaped
         self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, memory.good + 1)]
-        return _told(body, fit, FOLLOWED)
+        return _told(fit, FOLLOWED)
 
     def _hold(self, memory: Memory) -> Tracked:
         still = replace(memory, speed=0 * memory.speed, root_speed=0 * memory.root_speed, held=memory.held + 1)
         self.memory[:] = [still]
-        return Tracked(pose_of(memory.state), memory.state.shape, HELD, 0.0, float("inf"))
+        return Tracked(pose_of(memory.state), memory.state.shape, memory.state, HELD, 0.0, float("inf"))
 
     def _looked_for(self, body: ScanBody, cloud: Array, memory: Memory | None) -> Tracked:
-        if len(cloud) >= FEWEST:
-            cloud = cloud[pieces(cloud) == 0]
-        if len(cloud) < FEWEST:
+        fit = self.found(cloud)
+        if fit is None or misfit(fit) > ENOUGH:
             return self._nobody(body, memory)
-        fit = best_fit(body, self._starts(body, cloud), cloud, self._unknown(body, memory))
-        if misfit(fit) > ENOUGH:
-            return self._nobody(body, memory)
-        shaping = self.shape is None and (memory is None or memory.good < SETTLED)
+        shaping = self.shape is None and (memory is None or memory.good < self.settled)
         state, precision = fit.state, np.diag(body.spread**-2.0)
         if not shaping:
             state = replace(state, shape=self.shape if self.shape is not None else memory.state.shape)
@@ -155,7 +155,16 @@ class Tracker:
             precision = memory.shape_precision
         shaped, still = body.shaped(state.shape), np.zeros((BODY, 3))
         self.memory[:] = [Memory(state, shaped, still, np.zeros(3), precision, 0 if memory is None else memory.good)]
-        return _told(body, replace(fit, state=state), FOUND)
+        return _told(replace(fit, state=state), FOUND)
+
+    def found(self, cloud: Float[Array, "points 3"]) -> Fit | None:
+        """The body where it fits best, whatever was before, in a cloud that `ready` made; None where points are too few."""
+        body = scan_body()
+        if len(cloud) >= FEWEST:
+            cloud = cloud[pieces(cloud) == 0]
+        if len(cloud) < FEWEST:
+            return None
+        return best_fit(body, self._starts(body, cloud), cloud, self._unknown(body, self.memory[0] if self.memory else None))
 
     def _starts(self, body: ScanBody, cloud: Array) -> list[Start]:
         if self.regressor is None:
@@ -176,12 +185,17 @@ class Tracker:
         if memory is not None:
             return self._hold(memory)
         shape = np.zeros(body.shapes) if self.shape is None else self.shape
-        return Tracked(None, shape, NOBODY, 0.0, float("inf"))
+        return Tracked(None, shape, None, NOBODY, 0.0, float("inf"))
 
     def character(self) -> Character:
         """The actor as known by now: the embedded human in the shape seen so far."""
         shape = self.memory[0].state.shape if self.memory else self.shape
         return scan_body().character(np.zeros(scan_body().shapes) if shape is None else shape)
+
+
+def ready(points: Shaped[Array, "points 3"]) -> Float[Array, "ready 3"]:
+    """A frame's points thinned, without floor."""
+    return without_floor(thinned(points))
 
 
 def pose_of(state: BodyState) -> Pose:
@@ -191,12 +205,12 @@ def pose_of(state: BodyState) -> Pose:
     return Pose(rotations, state.root[None])
 
 
-def _told(body: ScanBody, fit: Fit, status: str) -> Tracked:
+def _told(fit: Fit, status: str) -> Tracked:
     confidence = float(np.clip((ALMOST - misfit(fit)) / (ALMOST - 0.01), 0.0, 1.0))
-    return Tracked(pose_of(fit.state), fit.state.shape, status, confidence, fit.distance)
+    return Tracked(pose_of(fit.state), fit.state.shape, fit.state, status, confidence, fit.distance)
 
 
-def _around(cloud: Float[Array, "points 3"], memory: Memory) -> Array:
+def around(cloud: Float[Array, "points 3"], memory: Memory) -> Array:
     """Which points lie in the box around where the body was."""
     import retarget.methods.scan.fit_kernels as kernels
 
