@@ -11,7 +11,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from retarget import cli_capture, cli_files, cli_rig, cli_scan
+from retarget import cli_capture, cli_files, cli_rig, cli_scan, cli_train
 from retarget.cli_options import (
     AnimationOnly,
     ContactsFile,
@@ -161,6 +161,7 @@ app.command()(cli_scan.stream)
 app.command()(cli_files.batch)
 app.command()(cli_files.convert)
 app.command()(cli_capture.simulate_scan)
+app.command()(cli_train.train)
 
 
 @app.command()

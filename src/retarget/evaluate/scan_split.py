@@ -36,7 +36,7 @@ CMU_SUBJECTS: dict[str, tuple[str, ...]] = {
 }
 """People of the CMU clips: the number before the underscore."""
 OTHER_FOLDERS: dict[str, tuple[str, ...]] = {
-    TRAINING: ("animated_drawings", "makehuman"),
+    TRAINING: ("animated_drawings", "makehuman", "kaykit", "quaternius"),
     VALIDATION: (),
     TEST: ("pybvh", "deepmimic"),
 }

@@ -1,0 +1,38 @@
+"""What `retarget train` does: learns one of the package's networks again, and writes it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from retarget.errors import RetargetError, unknown_name
+
+RECIPES = ("skeleton-regressor", "skinning-field")
+
+
+def train_network(name: str, folder: Path, data: Path | None, steps: int | None, weights: Path | None) -> dict[str, Any]:
+    """Learn, going on from what is in `folder`; write the weights to the folder `weights` (else `folder/weights`).
+
+    Raises `RetargetError` for an unknown name, data that are not there, and where torch is not installed.
+    """
+    if name not in RECIPES:
+        raise unknown_name("network", name, RECIPES, "what can be trained")
+    if data is not None and not data.is_dir():
+        raise RetargetError(f"--data {data} is no folder")
+    try:
+        import onnx
+        import torch
+    except ImportError as error:
+        raise RetargetError(f"training needs {error.name}, which is not installed: pip install 'retarget[train]'") from None
+    from retarget.train import skeleton_regressor, skinning_field
+    from retarget.train.loop import train
+
+    module = {"skeleton-regressor": skeleton_regressor, "skinning-field": skinning_field}[name]
+    recipe = module.recipe(data, folder / "cache")
+    settings = module.SETTINGS if steps is None else replace(module.SETTINGS, steps=steps)
+    state = train(recipe, settings, folder)
+    into = weights or folder / "weights"
+    told = {"steps": str(state.step), "seed": str(settings.seed), "made with": f"torch {torch.__version__}, onnx {onnx.__version__}"}
+    module.export(state.mean, into, told)
+    return {"network": name, "steps": state.step, "processor seconds": round(state.seconds), "weights": str(into)}
