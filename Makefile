@@ -33,6 +33,7 @@ bench: setup
 	@$(BIN)/retarget bench contact
 	@$(BIN)/retarget bench interaction
 	@$(BIN)/retarget bench rig-transfer
+	@$(BIN)/retarget bench scan
 	@$(BIN)/retarget bench shape-transfer
 
 clean:

@@ -347,7 +347,7 @@ app.command()(report)
 
 @app.command(epilog="\n\n".join(f"{key}: {sentence}." for key, sentence in FORMULAS.items()))
 def bench(
-    name: Annotated[str, typer.Argument(help="contact, formats, interaction, rig-transfer, shape-transfer or skeletal")],
+    name: Annotated[str, typer.Argument(help="contact, formats, interaction, rig-transfer, scan, shape-transfer or skeletal")],
     quick: Annotated[bool, typer.Option("--quick", help="An honest subset in at most 45 s.")] = False,
     json_file: Annotated[
         Optional[Path], typer.Option("--json", help="Also write everything to this file.", show_default=False)
@@ -356,7 +356,7 @@ def bench(
         bool, typer.Option("--gate", help="Fail (exit code 1) where a figure is worse than the committed baseline.")
     ] = False,
     pictures: Annotated[
-        Optional[Path], typer.Option(help="rig-transfer, shape-transfer: write sheets to this folder.", show_default=False)
+        Optional[Path], typer.Option(help="rig-transfer, scan, shape-transfer: write sheets to this folder.", show_default=False)
     ] = None,
     verbose: Verbose = False,
 ) -> None:

@@ -63,7 +63,7 @@ class LiveRetargeter:
 
     def _moved(self, seen: Tracked) -> Motion:
         if self.production is None:
-            self.production = prepare(cast(self.tracker.character()), self.target, self.method)
+            self.production = prepare(cast(self.tracker.character()), self.target, self.method, one_rig=True)
         pose: Pose = self.production.retargeter.step(seen.pose)
         skeleton = self.production.target.skeleton
         return Motion(skeleton, pose.rotations[None], pose.translations[None], self.tracker.fps, pose.moved)

@@ -78,10 +78,13 @@ def prepare(source: Actor | Performer | ScanPerformer, target: Actor, method: st
 
     Settings are the method's fields (`CopyRotations`: foot_lock, steady, limits, in_place). 'auto' is interaction for a
     target with a surface (shape transfer where a moving surface performs) and copy-rotations for one without; where a surface
-    cannot serve (no part of it is body, whole limbs are missing), 'auto' copies rotations and says so. Raises `RetargetError`
+    cannot serve (no part of it is body, whole limbs are missing), 'auto' copies rotations and says so. A capture's performer is an
+    embedded human: one of another shape gets equal rotations, unless `one_rig` says otherwise. Raises `RetargetError`
     for an unknown method or setting, or bodies that do not match.
     """
     target, moving = with_grafts(target), isinstance(source, Performer)
+    if isinstance(source, ScanPerformer):
+        settings = {"one_rig": True} | settings
     source = source if isinstance(source, Actor) else source.actor
     if method != "auto":
         chosen = method if isinstance(method, Method) else choose_method(method, settings)

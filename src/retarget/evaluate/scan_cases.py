@@ -2,7 +2,7 @@
 
 The protocol of Rekik 2023 (section 4) on open data: four bodies by four motions naked, four by three clothed; theirs are SMPL
 bodies and Mixamo's motions. Ours besides: the same seen by the virtual scanner, with noise, holes and strays. The truth is the
-same joint rotations on the body that is driven, its hips' path in proportion to how high they rest.
+same joint rotations on the body that is driven, and the hips' path in proportion to the length of its legs.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from jaxtyping import Float
 from retarget.body.human import human
 from retarget.body.skinning import skin_motion
 from retarget.character import Character, Motion, PointMotion
+from retarget.contact.support import leg_length
+from retarget.correspond.joints import match_humanoid
 from retarget.evaluate.scan_split import (
     BENCH_BODIES,
     BENCH_CLOTHED,
@@ -99,9 +101,13 @@ def unseen_body(seed: int) -> Character:
 
 
 def performed_by(body: Character, motion: Motion) -> Motion:
-    """An embedded motion's joint rotations on another embedded body (metres)."""
-    hips = [each.skeleton.offsets[0, 1] for each in (body, performer())]
-    return replace(motion, skeleton=body.skeleton, translations=motion.translations * (hips[0] / hips[1]))
+    """An embedded motion's joint rotations on another embedded body: its hips go as far, and as far up and down from where they
+    rest, as its legs are longer (metres)."""
+    skeletons = body.skeleton, performer().skeleton
+    legs = [leg_length(each, match_humanoid(each)) for each in skeletons]
+    rests = [np.array([0.0, each.offsets[0, 1], 0.0]) for each in skeletons]
+    path = rests[0] + (motion.translations - rests[1]) * (legs[0] / legs[1])
+    return replace(motion, skeleton=body.skeleton, translations=path)
 
 
 def sampled(surface: Float[Array, "frames vertices 3"], faces: Array, fps: float, seed: int) -> PointMotion:

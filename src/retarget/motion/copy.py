@@ -54,26 +54,32 @@ class CopyPlan:
     """Canonical joints the target has and the source lacks; they rest."""
 
 
-def plan_copy(source: Actor, target: Actor, source_sole: float, target_sole: float) -> CopyPlan:
-    """Match the joints of two bodies. The soles are the heights of the lowest support point at rest, metres."""
+def plan_copy(
+    source: Actor, target: Actor, source_sole: float, target_sole: float, one_rig: bool = False
+) -> CopyPlan:
+    """Match the joints of two bodies. The soles are the heights of the lowest support point at rest, metres. With `one_rig`
+    bodies on the same rig (`are_one_rig`) get equal rotations; without it, and on any other, limbs point the same way."""
     # What the motion shows of the source's feet means nothing to a target of the same skeleton: both rest alike.
     soles = {} if same_skeleton(source.skeleton, target.skeleton) else source.soles
     K_source = joint_from_frame(source.skeleton, source.humanoid, soles)
     K_target = joint_from_frame(target.skeleton, target.humanoid)
-    rows = _chain_rows(source, target, K_source)
-    handled = {row[0] for row in rows}
-    for name, joint in target.humanoid.joints.items():
-        if name in source.humanoid.joints and joint not in handled:
-            origin = source.humanoid.joints[name]
-            rows.append((joint, origin, origin, 0.0, K_source[name], K_source[name], K_target[name]))
-    rows.sort(key=lambda row: row[0])
+    if one_rig and are_one_rig(source.skeleton, target.skeleton):
+        rows = [(joint, joint, joint, 0.0, *(rot.IDENTITY,) * 3) for joint in range(len(target.skeleton))]
+    else:
+        rows = _chain_rows(source, target, K_source)
+        handled = {row[0] for row in rows}
+        for name, joint in target.humanoid.joints.items():
+            if name in source.humanoid.joints and joint not in handled:
+                origin = source.humanoid.joints[name]
+                rows.append((joint, origin, origin, 0.0, K_source[name], K_source[name], K_target[name]))
+        rows.sort(key=lambda row: row[0])
     known = source.humanoid.joints
     driven = {row[0] for row in rows}
     return CopyPlan(
         target.skeleton,
         *(np.array([row[i] for row in rows]) for i in range(6)),
         frame_joint=rot.inverse(np.array([row[6] for row in rows])),
-        twists=_twist_shares(target),
+        twists=() if len(driven) == len(target.skeleton) else _twist_shares(target),
         source_sockets=np.array([known["leftUpperLeg"], known["rightUpperLeg"]]),
         target_sockets=np.array([target.humanoid.joints[f"{side}UpperLeg"] for side in ("left", "right")]),
         target_hips=target.humanoid.joints["hips"],
@@ -82,6 +88,11 @@ def plan_copy(source: Actor, target: Actor, source_sole: float, target_sole: flo
         target_hip_height=_straight_hip_height(target, target_sole),
         unmatched=tuple(name for name, joint in target.humanoid.joints.items() if joint not in driven),
     )
+
+
+def are_one_rig(a: Skeleton, b: Skeleton) -> bool:
+    """Whether two skeletons differ in the lengths and directions of their bones alone: bodies of one parametric model."""
+    return a.names == b.names and np.array_equal(a.parents, b.parents) and np.allclose(a.rest_rotations, b.rest_rotations)
 
 
 def _chain_rows(source: Actor, target: Actor, K_source: dict[str, Array]) -> list[tuple]:

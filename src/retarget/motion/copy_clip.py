@@ -55,6 +55,9 @@ class CopySettings:
     """Ease rotations that no body can do into soft joint limits."""
     in_place: bool = False
     """Drop the horizontal path: the body stays where its first frame stands."""
+    one_rig: bool = False
+    """Where both bodies are on one rig (same joints, rest rotations), give the target equal rotations: bodies of one parametric
+    model mean the same by them. Otherwise limbs point the same way, however bones lie at rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +79,7 @@ def prepare_copier(settings: CopySettings, source: Actor, target: Actor) -> Copi
             raise RetargetError("a leg has no length: its joints lie on one point")
     limbs = {actor: support_limbs(actor.character, actor.humanoid) for actor in (source, target)}
     soles = {actor: _sole_height(actor, limbs[actor]) for actor in (source, target)}
-    plan = plan_copy(source, target, soles[source], soles[target])
+    plan = plan_copy(source, target, soles[source], soles[target], settings.one_rig)
     limits = joint_limits(target) if settings.limits else ()
     floors = _rest_floor(soles[source], plan.source_hip_height), _rest_floor(soles[target], plan.target_hip_height)
     return Copier(settings, source, target, plan, limbs[source], limbs[target], limits, *floors)

@@ -13,10 +13,11 @@ BENCHES = {
     "formats": "retarget.evaluate.benches.formats",
     "interaction": "retarget.evaluate.benches.interaction",
     "rig-transfer": "retarget.evaluate.benches.rig_transfer",
+    "scan": "retarget.evaluate.benches.scan",
     "shape-transfer": "retarget.evaluate.benches.shape_transfer",
     "skeletal": "retarget.evaluate.benches.skeletal",
 }
-PICTURED = ("rig-transfer", "shape-transfer")
+PICTURED = ("rig-transfer", "scan", "shape-transfer")
 
 
 def load_bench(name: str) -> ModuleType:
