@@ -16,6 +16,7 @@ from retarget.body.skinning import prepare_skinning, rest_vertices
 from retarget.evaluate import metrics
 from retarget.evaluate.metrics.basis import at_reference_height
 from retarget.evaluate.metrics.interaction import DEEPER_THAN
+from retarget.evaluate.reference.contact_terms import SourceContacts
 from retarget.evaluate.reference.shape_transfer import (
     ReferenceSettings,
     ShapeTransferReference,
@@ -73,9 +74,11 @@ def rows_of(case: ShapeCase) -> Iterator[tuple[dict[str, Any], Float[Array, "ver
     """Figures and surface of every method on one case."""
     made = ready(case.source, case.target)
     contacts = made.reference.contacts(case.posed)
+    placed = without_girth(case, contacts)
 
     def judged(method: str, vertices: Array, **more: Any) -> tuple[dict[str, Any], Array]:
         energy = {f"energy_{term}": value for term, value in made.reference.energy(vertices, contacts).items()}
+        energy["energy_placed"] = made.reference.energy(vertices, placed)["total"]
         return {"method": method} | judge_pose(case, vertices) | energy | more, vertices
 
     copied = prepare(case.source, case.target, CopyRotations())(case.motion).motion
@@ -95,6 +98,19 @@ def rows_of(case: ShapeCase) -> Iterator[tuple[dict[str, Any], Float[Array, "ver
         status=result.status,
         skin_rms_mm=result.stats["skin_rms_mm"],
     )
+
+
+def without_girth(case: ShapeCase, contacts: SourceContacts) -> SourceContacts:
+    """The reference's contacts but those between parts that nothing of the pose brings together: an idle hand that brushes a
+    broad thigh is not asked to do so on a slim body."""
+    found, touch = case.touch.contacts, case.touch
+    rows = touch.pose_rows()
+    rows = rows[found.frame[rows] == case.frame]
+    own = touch.parts.vertex_parts
+    meant = {tuple(sorted(pair)) for pair in zip(own[found.vertex[rows]].tolist(), found.part[rows].tolist())}
+    pairs = zip(own[contacts.first].tolist(), own[contacts.second].tolist())
+    kept = np.array([tuple(sorted(pair)) in meant for pair in pairs], dtype=bool)
+    return replace(contacts, first=contacts.first[kept], second=contacts.second[kept])
 
 
 def ablations(case: ShapeCase) -> Iterator[dict[str, Any]]:

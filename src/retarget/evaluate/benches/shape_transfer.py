@@ -144,11 +144,14 @@ def _summary(
     cases: list[dict], cost: list[dict], sequences: list[dict], foreign: list[dict], gaps: list[dict]
 ) -> dict[str, float | None]:
     ours = _of(cases, method=OURS)
-    ratios = [
-        own["energy_total"] / max(other["energy_total"], 1e-12)
-        for own, other in zip(ours, _of(cases, method=REFERENCE))
-        if other["status"] != "diverged"
-    ]
+    ratios, placed = (
+        [
+            own[key] / max(other[key], 1e-12)
+            for own, other in zip(ours, _of(cases, method=REFERENCE))
+            if other["status"] != "diverged"
+        ]
+        for key in ("energy_total", "energy_placed")
+    )
     summary: dict[str, float | None] = {
         "warm_ms_6k9": float(np.median(_values(cost, "warm_ms"))),
         "cold_ms_6k9": float(np.median(_values(cost, "cold_ms"))),
@@ -156,6 +159,9 @@ def _summary(
         "speed_ratio_warm": float(np.median(_values(cost, "speed_ratio_warm"))),
         "energy_ratio": float(np.mean(ratios)) if ratios else None,
         "energy_ratio_worst": max(ratios, default=None),
+        "energy_ratio_median": float(np.median(ratios)) if ratios else None,
+        "energy_ratio_placed": float(np.mean(placed)) if placed else None,
+        "energy_ratio_placed_worst": max(placed, default=None),
         "reference_diverged": float(len(_of(cases, method=REFERENCE, status="diverged"))),
         "contacts_kept": _mean(ours, "contacts_kept"),
         "contacts_kept_worst": min(_values(ours, "contacts_kept"), default=None),
