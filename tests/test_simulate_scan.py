@@ -73,7 +73,9 @@ def test_another_character_is_retargeted_as_run_does(here, command):
     command("run", "man.glb", "woman.glb", "-o", here / "run.glb", "--fps", 15)
     result = load(here / "run.glb")
     posed = prepare_skinning(result.character).vertices(*world_pose(result.motion(0)))
-    for vertices, cloud in zip(posed, load(here / "a.npz").clouds.clouds):
+    seconds = np.arange(len(posed)) / result.clips[0].fps  # few keys are read at 30 frames a second
+    at = [np.abs(seconds - frame / 15).argmin() for frame in range(4)]
+    for vertices, cloud in zip(posed[at], load(here / "a.npz").clouds.clouds):
         assert off(cloud, vertices, result.character.mesh.faces) < 0.005
 
 

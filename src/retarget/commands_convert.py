@@ -52,7 +52,7 @@ def convert_file(order: Conversion) -> dict[str, Any]:
     if output.is_dir():
         raise FileError(output, f"is a folder; name a file in it, or {output / EACH}.bvh for a file each clip")
     if output.suffix.lower() not in (*WRITTEN_SUFFIXES, *SURFACE_SUFFIXES) and not sequence:
-        forms = f"{', '.join(WRITTEN_SUFFIXES)}, {' or '.join(SURFACE_SUFFIXES)} for a still surface, .npz or a new folder for a moving one"
+        forms = f"{', '.join(WRITTEN_SUFFIXES)}, .obj, .ply or .pcd for a still surface, .npz or a new folder for a moving one"
         raise FileError(output, f"cannot write {output.suffix or 'a file without suffix'!r}; use {forms}")
     if EACH not in output.name:
         check_folder(output)
@@ -83,7 +83,7 @@ def _expect_fitting(asset: Asset, output: Path) -> None:
     """Refuse kinds that the format of the output cannot hold, and a .bin that would replace one that is read."""
     surface = output.suffix.lower() in SURFACE_SUFFIXES
     if asset.character is None and not surface:
-        forms = f"{' or '.join(SURFACE_SUFFIXES)}; a {output.suffix} needs a skeleton"
+        forms = f"{'.obj or .ply' if asset.points is None else '.ply or .pcd'}; a {output.suffix} needs a skeleton"
         raise FileError(output, f"{asset.path.name} holds a {asset.kind} without skeleton, which is written as {forms}")
     if asset.character is not None and surface:
         held = "an animated body" if asset.clips else "a body with a skeleton"

@@ -115,5 +115,5 @@ def test_mesh_sequences_are_told_and_fail(made, tmp_path):
         summary = run_batch(Batch(motions, characters, tmp_path / "o", Settings(method="copy-rotations")))
         assert [said in each.error and "`convert` writes it" in each.error for each in summary.failures] == [True]
     save_sequence(tmp_path / "frames", bake(body("heavy"), cut(walk(), 0.0, 0.2)))
-    with pytest.raises(FileError, match="holds .obj or .ply files and no motion of joints; as a mesh sequence"):
+    with pytest.raises(FileError, match=r"holds frames \(.obj, .ply, .pcd, .npz\) and no motion of joints; as a mesh sequence"):
         run_batch(Batch(tmp_path / "frames", made / "c", tmp_path / "o"))
