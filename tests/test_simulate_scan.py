@@ -130,6 +130,29 @@ def test_python_callers_are_told_too(here, monkeypatch):
     assert list(here.iterdir()) == []
 
 
+def test_who_is_no_human_plays_its_own_clip(here, command):
+    from gltf_maker import worm
+
+    worm(clips=1).glb(here / "worm.glb")
+    code, out, err = command("simulate-scan", here / "worm.glb", here / "worm.glb", "-o", here / "a.npz", "--points", 200)
+    assert code == 0 and "played as it is" in out and err == "", (out, err)
+    cloud = load(here / "a.npz").clouds.clouds[0]
+    worm_mesh = load(here / "worm.glb").character.mesh.vertices
+    assert len(cloud) == 200 and np.isfinite(cloud).all() and np.ptp(cloud, axis=0).max() < 3 * np.ptp(worm_mesh, axis=0).max()
+
+
+@pytest.mark.parametrize(("frames", "said"), [(0, "man.glb: holds no frames"), (2, "man.glb: a surface without area cannot be scanned")])
+def test_what_no_scanner_sees_is_told(here, command, monkeypatch, frames, said):
+    from retarget import commands_capture
+    from retarget.commands_capture import Performance
+
+    mesh = actor().character.mesh
+    flat = Performance(mesh, frames, 30.0, "", lambda chosen: np.zeros((len(chosen), len(mesh.vertices), 3)))
+    monkeypatch.setattr(commands_capture, "_performance", lambda order: flat)
+    code, _, err = command("simulate-scan", "man.glb", "man.glb", "-o", here / "a")
+    assert code == 2 and said in err and err.count("\n") == 1 and list(here.iterdir()) == []
+
+
 def test_a_write_that_fails_leaves_nothing(here, command, monkeypatch):
     from retarget.io import point_folder
 

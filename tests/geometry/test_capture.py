@@ -107,6 +107,15 @@ def test_holes_take_points_and_leave_what_stays():
     assert np.quantile(gaps, 0.95) > 0.03, "blobs, and not only thinner"
 
 
+@pytest.mark.parametrize(("degrees", "seen"), [(0, True), (60, True), (86, False)])
+def test_a_surface_that_turns_away_is_not_read(degrees, seen):
+    turn = np.radians(degrees)
+    wall = WALL @ np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
+    scanner = replace(CLEAN, cameras=1, points=None, pixel=0.01)
+    whole, holed = (len(scan(wall, SQUARE, each)) for each in (scanner, replace(scanner, holes=1e-9)))
+    assert whole > 50 and holed == (whole if seen else 0)
+
+
 def test_outliers_fly_behind_edges():
     flying = scanned(replace(CLEAN, points=None, outliers=0.5))
     away = off_the_surface(flying) > 0.02

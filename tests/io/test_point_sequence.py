@@ -184,9 +184,13 @@ def test_what_cannot_be_written_is_told_and_leaves_nothing(tmp_path, monkeypatch
         save_sequence(tmp_path / "no" / "a", captured())
     with pytest.raises(FileError, match="does not exist"):
         point_folder.save(tmp_path / "no" / "a", captured())
+    monkeypatch.setattr("tempfile.mkdtemp", lambda **_: (_ for _ in ()).throw(OSError(13, "Permission denied")))
+    with pytest.raises(FileError, match="cannot be written: Permission denied"):
+        save_sequence(tmp_path / "a", captured())
     monkeypatch.setattr(npz_clouds, "MOST_VALUES", 100)
     with pytest.raises(FileError, match="126 points are more than an archive holds"):
         save_sequence(tmp_path / "a.npz", captured())
+    monkeypatch.undo()
     monkeypatch.setattr(point_folder, "write_points", lambda file, cloud: (_ for _ in ()).throw(OSError(28, "No space left")))
     with pytest.raises(FileError, match="cannot be written: No space left"):
         save_sequence(tmp_path / "a", captured())
