@@ -10,7 +10,7 @@ from retarget.body.human import human
 from retarget.errors import RetargetError
 from retarget.geometry import capture
 from retarget.geometry.capture import Scanner, prepare_studio, scan
-from retarget.geometry.capture_kernels import facings, look
+from retarget.geometry.capture_kernels import look, readings
 from retarget.geometry.sampling import sample_surface
 
 BODY = human().mesh
@@ -61,9 +61,15 @@ def test_facing_is_the_cosine_to_the_ray():
     depth, focal = 2.0, 10.0
     world = np.array([[0.0, 0, depth], [1, 0, depth + 1], [0, 1, depth]])  # turned by 45 degrees about the upright
     placed = np.concatenate([world[:, :2] / world[:, 2:] * focal, world[:, 2:]], axis=1)
-    out = np.empty(1)
-    facings(placed, np.array([[0, 1, 2]]), np.zeros((1, 1), np.int64), focal, -0.5, -0.5, np.array([0]), np.array([0]), out)
-    assert out[0] == pytest.approx(np.sqrt(0.5))
+    out = readings(placed, np.array([[0, 1, 2]]), np.full((1, 1), 1 / depth), np.zeros((1, 1), np.int64), focal, -0.5, -0.5)
+    assert out.tolist() == [[0.0, 0.0, depth, np.inf, pytest.approx(np.sqrt(0.5)), 0.0]]
+
+
+def test_what_lies_behind_a_pixel_is_the_farthest_around_it():
+    nearness = np.array([[1.0, 0.5, 1], [0.25, 1, 0.2], [1, 1, 1]])
+    out = readings(np.array([[0.0, 0, 1], [1, 0, 1], [0, 1, 1]]), np.array([[0, 1, 2]]), nearness, np.zeros((3, 3), np.int64), 1.0, 0.0, 0.0)
+    assert out[4].tolist() == [1.5, 1.5, 1.0, 5.0, pytest.approx(1 / np.sqrt(5.5)), 0.0]
+    assert np.isinf(np.delete(out[:, 3], 4)).all(), "nothing is beside the picture"
 
 
 def test_noise_is_what_was_asked_for_and_grows_with_the_square_of_the_distance():
@@ -120,6 +126,8 @@ def test_outliers_fly_behind_edges():
     flying = scanned(replace(CLEAN, points=None, outliers=0.5))
     away = off_the_surface(flying) > 0.02
     assert 0.005 < away.mean() < 0.2
+    astray = off_the_surface(scanned(replace(CLEAN, points=None, pixel=0.004, outliers=1.0))) > 0.3
+    assert 10 < astray.sum() < 200, "some stray anywhere"
     assert np.abs(flying - 0.5 * (BODY.vertices.min(axis=0) + BODY.vertices.max(axis=0))).max() < 1.5
 
 
@@ -127,6 +135,9 @@ def test_floor_is_left_around_the_feet():
     with_floor = scanned(replace(CLEAN, floor=True), 2)
     floor = with_floor[off_the_surface(with_floor) > 0.02]
     assert 50 < len(floor) < 4000 and np.abs(floor[:, 1]).max() < 0.005
+    walk = np.stack([BODY.vertices + [x, 0, 0] for x in (-3.0, 0.0, 3.0)])
+    around = prepare_studio(replace(CLEAN, floor=True), walk, BODY.faces, 2).scan(walk[1], BODY.faces)
+    assert np.abs(around[:, [0, 2]]).max() < 1.0, "what lies along the way is cut off"
     level = prepare_studio(replace(CLEAN, floor=True), BODY.vertices, BODY.faces, 2, floor=-0.2)
     assert np.allclose(level.floor_vertices[:, 1], -0.2)
 

@@ -46,25 +46,60 @@ def look(places, faces, left, top, nearness, owner):
 
 
 @njit(**OPTIONS)
-def facings(places, faces, owner, focal, left, top, row, column, out):
-    """How squarely every pixel's triangle faces it, 0 to 1; arguments as of `look`, with the pixels (row, column) asked for."""
+def readings(places, faces, nearness, owner, focal, left, top):
+    """A row for every pixel that sees something: column and row, from the middle of the picture to the middle of the pixel, depth,
+    the largest depth among the four pixels around (endless where nothing is), how squarely its triangle faces it (0 to 1), and
+    the triangle. Arguments as of `look`, after it."""
+    rows, columns = nearness.shape
+    count = 0
+    for row in range(rows):
+        for column in range(columns):
+            count += owner[row, column] >= 0
+    out = np.empty((count, 6))
     corner = np.empty((3, 3))
-    for pixel in range(len(row)):
-        face = owner[row[pixel], column[pixel]]
-        for k in range(3):
-            place = places[faces[face, k]]
-            corner[k, 0], corner[k, 1], corner[k, 2] = place[0] * place[2] / focal, place[1] * place[2] / focal, place[2]
-        ax, ay, az = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
-        bx, by, bz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
-        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        rx, ry = (column[pixel] + left + 0.5) / focal, (row[pixel] + top + 0.5) / focal
-        size = np.sqrt((nx * nx + ny * ny + nz * nz) * (rx * rx + ry * ry + 1.0))
-        out[pixel] = abs(nx * rx + ny * ry + nz) / size if size > 0.0 else 0.0
+    at = 0
+    for row in range(rows):
+        for column in range(columns):
+            face = owner[row, column]
+            if face < 0:
+                continue
+            least = nearness[row, column]
+            if row == 0 or column == 0 or row == rows - 1 or column == columns - 1:
+                least = 0.0
+            else:
+                least = min(nearness[row - 1, column], nearness[row + 1, column], nearness[row, column - 1], nearness[row, column + 1])
+            for k in range(3):
+                x, y, z = places[faces[face, k], 0], places[faces[face, k], 1], places[faces[face, k], 2]
+                corner[k, 0], corner[k, 1], corner[k, 2] = x * z / focal, y * z / focal, z
+            ax, ay, az = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
+            bx, by, bz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
+            nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            across, down = column + left + 0.5, row + top + 0.5
+            rx, ry = across / focal, down / focal
+            size = np.sqrt((nx * nx + ny * ny + nz * nz) * (rx * rx + ry * ry + 1.0))
+            out[at, 0], out[at, 1], out[at, 2] = across, down, 1.0 / nearness[row, column]
+            out[at, 3] = 1.0 / least if least > 0.0 else np.inf
+            out[at, 4] = abs(nx * rx + ny * ry + nz) / size if size > 0.0 else 0.0
+            out[at, 5] = face
+            at += 1
+    return out
+
+
+@njit(**OPTIONS)
+def placed_points(across, depth, focal, axes, eye):
+    """Points in the world: pixels (points, 2) from the middle of the picture, depths, the camera's axes (rows) and place."""
+    out = np.empty((len(depth), 3))
+    for point in range(len(depth)):
+        x, y, z = across[point, 0] / focal * depth[point], across[point, 1] / focal * depth[point], depth[point]
+        for axis in range(3):
+            out[point, axis] = x * axes[0, axis] + y * axes[1, axis] + z * axes[2, axis] + eye[axis]
+    return out
 
 
 def compile_kernels() -> None:
     """Compile the kernels and keep them on disk, as `contact.collide.compile_kernels` does."""
     places = np.array([[0.0, 0, 1], [2, 0, 1], [0, 2, 1]])
-    faces, owner = np.array([[0, 1, 2]]), np.full((2, 2), -1)
-    look(places, faces, 0.0, 0.0, np.zeros((2, 2)), owner)
-    facings(places, faces, np.zeros_like(owner), 1.0, 0.0, 0.0, *np.nonzero(owner < 2), np.empty(4))
+    faces, owner, nearness = np.array([[0, 1, 2]]), np.full((2, 2), -1), np.zeros((2, 2))
+    look(places, faces, 0.0, 0.0, nearness, owner)
+    readings(places, faces, nearness, owner, 1.0, 0.0, 0.0)
+    placed_points(places[:, :2], places[:, 2].copy(), 1.0, np.eye(3), np.zeros(3))
