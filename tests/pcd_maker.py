@@ -6,8 +6,8 @@ import numpy as np
 
 
 def pcd_of(points, form="binary", colour=True, height=1, **lines):
-    """The bytes of a PCD file of float points (points, 3), with a colour between y and z if asked for; `lines` replace those of the
-    header, and leave out those that are None."""
+    """The bytes of a PCD file of float points (points, 3), with a colour between y and z if asked for; `lines` replace
+    those of the header, and leave out those that are None."""
     count = len(points)
     names, types = ("x y rgb z", "F F U F") if colour else ("x y z", "F F F")
     head = {
@@ -28,7 +28,9 @@ def pcd_of(points, form="binary", colour=True, height=1, **lines):
         raw = b"".join(column.tobytes() for column in columns)
         packed = lzf_packed(raw)
         return text.encode() + struct.pack("<II", len(packed), len(raw)) + packed
-    return text.encode() + b"".join(b"".join(column[row : row + 1].tobytes() for column in columns) for row in range(count))
+    return text.encode() + b"".join(
+        b"".join(column[row : row + 1].tobytes() for column in columns) for row in range(count)
+    )
 
 
 def lzf_packed(raw):

@@ -57,7 +57,9 @@ def test_the_same_seed_gives_the_same_files_and_another_others(here, command):
 
 @pytest.mark.parametrize("character", ["man.glb", "still.glb"])
 def test_a_rig_that_matches_plays_the_motion_as_it_is(here, command, character):
-    code, out, _ = command("simulate-scan", "man.glb", character, "-o", here / "a.npz", "--noise", 0, "--holes", 0, "--outliers", 0)
+    code, out, _ = command(
+        "simulate-scan", "man.glb", character, "-o", here / "a.npz", "--noise", 0, "--holes", 0, "--outliers", 0
+    )
     assert code == 0 and "played as it is" in out, out
     motion = cut(embedded_motion("wave"), 0.5, 0.7)
     posed = prepare_skinning(actor().character).vertices(*world_pose(motion))
@@ -68,7 +70,21 @@ def test_a_rig_that_matches_plays_the_motion_as_it_is(here, command, character):
 
 
 def test_another_character_is_retargeted_as_run_does(here, command):
-    code, out, _ = command("simulate-scan", "man.glb", "woman.glb", "-o", here / "a.npz", "--noise", 0, "--holes", 0, "--outliers", 0, "--fps", 15)
+    code, out, _ = command(
+        "simulate-scan",
+        "man.glb",
+        "woman.glb",
+        "-o",
+        here / "a.npz",
+        "--noise",
+        0,
+        "--holes",
+        0,
+        "--outliers",
+        0,
+        "--fps",
+        15,
+    )
     assert code == 0 and "4 frames at 15 fps" in out and "retargeted" in out, out
     command("run", "man.glb", "woman.glb", "-o", here / "run.glb", "--fps", 15)
     result = load(here / "run.glb")
@@ -80,7 +96,9 @@ def test_another_character_is_retargeted_as_run_does(here, command):
 
 
 def test_a_moving_surface_is_scanned_as_it_is_and_half_a_view_is_half(here, command):
-    code, out, _ = command("simulate-scan", "surface.npz", "surface.npz", "-o", here / "a", "--cameras", 1, "--format", "pcd", "--fps", 10)
+    code, out, _ = command(
+        "simulate-scan", "surface.npz", "surface.npz", "-o", here / "a", "--cameras", 1, "--format", "pcd", "--fps", 10
+    )
     assert code == 0 and "7 frames at 10 fps, 6890 points, 1 camera, seed 0; played as it is" in out
     surface, clouds = load("surface.npz").sequence.vertices, load(here / "a").clouds.clouds
     assert sorted(path.suffix for path in (here / "a").iterdir()) == [".pcd"] * 7
@@ -90,7 +108,12 @@ def test_a_moving_surface_is_scanned_as_it_is_and_half_a_view_is_half(here, comm
 def test_json_says_what_was_made(here, command):
     _, out, _ = command("simulate-scan", "man.glb", "man.glb", "-o", here / "a", "--points", 100, "--json")
     told = json.loads(out)
-    assert told["frames"] == 7 and told["points"] == [100, 100] and told["cameras"] == 4 and told["motion"] == "played as it is"
+    assert (
+        told["frames"] == 7
+        and told["points"] == [100, 100]
+        and told["cameras"] == 4
+        and told["motion"] == "played as it is"
+    )
 
 
 @pytest.mark.parametrize(
@@ -134,14 +157,22 @@ def test_who_is_no_human_plays_its_own_clip(here, command):
     from gltf_maker import worm
 
     worm(clips=1).glb(here / "worm.glb")
-    code, out, err = command("simulate-scan", here / "worm.glb", here / "worm.glb", "-o", here / "a.npz", "--points", 200)
+    code, out, err = command(
+        "simulate-scan", here / "worm.glb", here / "worm.glb", "-o", here / "a.npz", "--points", 200
+    )
     assert code == 0 and "played as it is" in out and err == "", (out, err)
     cloud = load(here / "a.npz").clouds.clouds[0]
     worm_mesh = load(here / "worm.glb").character.mesh.vertices
-    assert len(cloud) == 200 and np.isfinite(cloud).all() and np.ptp(cloud, axis=0).max() < 3 * np.ptp(worm_mesh, axis=0).max()
+    assert (
+        len(cloud) == 200
+        and np.isfinite(cloud).all()
+        and np.ptp(cloud, axis=0).max() < 3 * np.ptp(worm_mesh, axis=0).max()
+    )
 
 
-@pytest.mark.parametrize(("frames", "said"), [(0, "man.glb: holds no frames"), (2, "man.glb: a surface without area cannot be scanned")])
+@pytest.mark.parametrize(
+    ("frames", "said"), [(0, "man.glb: holds no frames"), (2, "man.glb: a surface without area cannot be scanned")]
+)
 def test_what_no_scanner_sees_is_told(here, command, monkeypatch, frames, said):
     from retarget import commands_capture
     from retarget.commands_capture import Performance

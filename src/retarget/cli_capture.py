@@ -45,7 +45,14 @@ def simulate_scan(
 
     metres = noise / 1000
     scanner = Scanner(
-        cameras, points, noise=metres, steps=metres / 3, misplaced=metres / 2, holes=holes, outliers=outliers, floor=floor
+        cameras,
+        points,
+        noise=metres,
+        steps=metres / 3,
+        misplaced=metres / 2,
+        holes=holes,
+        outliers=outliers,
+        floor=floor,
     )
     order = CaptureOrder(motion, character, output, scanner, seed, fps, clip, form)
     say(simulate_scan(order, progress=sys.stderr.isatty() and not as_json), as_json)

@@ -52,7 +52,8 @@ def _describe_clouds(moving: PointMotion) -> dict[str, Any]:
     counts = sorted(len(cloud) for cloud in moving.clouds)
     first = next((cloud for cloud in moving.clouds if len(cloud)), None)
     told = {"clips": [{"name": moving.name, "frames": len(moving), "fps": moving.fps}]}
-    told |= {"points": counts[len(counts) // 2], "fewest_points": counts[0], "most_points": counts[-1], "empty_frames": counts.count(0)}
+    told |= {"points": counts[len(counts) // 2], "fewest_points": counts[0], "most_points": counts[-1]}
+    told["empty_frames"] = counts.count(0)
     if first is not None:
         told["size"] = [round(float(length), 4) for length in first.max(axis=0) - first.min(axis=0)]
     return told
@@ -93,7 +94,8 @@ def _describe_lines(report: Mapping[str, Any]) -> Iterator[str]:
     if "points" in report:
         if "most_points" in report:
             empty = f", {report['empty_frames']} frames empty" if report["empty_frames"] else ""
-            yield f"  points     {report['points']} on a usual frame, {report['fewest_points']} to {report['most_points']}{empty}"
+            usual, least, most = (report[name] for name in ("points", "fewest_points", "most_points"))
+            yield f"  points     {usual} on a usual frame, {least} to {most}{empty}"
         else:
             yield f"  points     {report['points']}"
     if "joints" in report:

@@ -72,7 +72,10 @@ def simulate_scan(order: CaptureOrder, progress: bool = False) -> dict[str, Any]
         performing = _performance(order)
         per_frame = order.scanner.points or 0
         if 12 * per_frame * performing.frames > LARGEST:
-            raise FileError(order.output, f"{performing.frames} frames of {per_frame} points are more than is kept in memory at once")
+            raise FileError(
+                order.output,
+                f"{performing.frames} frames of {per_frame} points are more than is kept in memory at once",
+            )
         try:
             clouds = tuple(_scanned(performing, order, tell))
         except FileError:
@@ -118,7 +121,12 @@ def _performance(order: CaptureOrder) -> Performance:
             return _of_sequence(replace(asset, sequence=moving))
         return _retargeted(replace(asset, sequence=moving), own)
     if asset.clips and len(asset.clips) > 1 and order.clip is None:
-        log.warning("%s holds %d clips; taking the first, %r (--clip to choose)", asset.path, len(asset.clips), asset.clips[0].name)
+        log.warning(
+            "%s holds %d clips; taking the first, %r (--clip to choose)",
+            asset.path,
+            len(asset.clips),
+            asset.clips[0].name,
+        )
     motion = asset.motion(order.clip)
     motion = motion if order.fps is None else resample(motion, order.fps)
     if own.character is not None and own.character.skin is not None and (own is asset or _fits(motion, own.character)):
@@ -161,7 +169,11 @@ def _of_motion(character: Character, motion: Motion, how: str) -> Performance:
     skinner = prepare_skinning(character)
     rotations, positions = world_pose(motion)
     return Performance(
-        character.mesh, len(motion), motion.fps, how, lambda frames: skinner.vertices(rotations[frames], positions[frames])
+        character.mesh,
+        len(motion),
+        motion.fps,
+        how,
+        lambda frames: skinner.vertices(rotations[frames], positions[frames]),
     )
 
 
@@ -175,7 +187,8 @@ def _of_sequence(asset: Asset) -> Performance:
 
 
 def _space(asset: Asset, vertices: Float[Array, "frames vertices 3"]) -> Similarity:
-    """From the file's space to metres with +Y up, where nobody is recognised: as it states, else as its height shows."""
+    """From the file's space to metres with +Y up, where nobody is recognised: as it states, else as its height
+    shows."""
     turn = rot.swing_between(AXES[asset.convention.up or "+y"], AXES["+y"])
     height = float(np.ptp(rot.rotate(turn, vertices)[..., 1])) if vertices.size else 0.0
     unit = asset.convention.metres_per_unit
@@ -207,5 +220,6 @@ def _report(order: CaptureOrder, performing: Performance, clouds: tuple[Array, .
     }  # fmt: skip
     points = f"{min(counts)} points" if min(counts) == max(counts) else f"{min(counts)} to {max(counts)} points"
     cameras = "1 camera" if order.scanner.cameras == 1 else f"{order.scanner.cameras} cameras"
-    line = f"{order.output}: {len(clouds)} frames at {performing.fps:g} fps, {points}, {cameras}, seed {order.seed}; {performing.how}"
+    seen = f"{len(clouds)} frames at {performing.fps:g} fps, {points}, {cameras}, seed {order.seed}"
+    line = f"{order.output}: {seen}; {performing.how}"
     return told | {"lines": [line]}

@@ -52,7 +52,8 @@ def convert_file(order: Conversion) -> dict[str, Any]:
     if output.is_dir():
         raise FileError(output, f"is a folder; name a file in it, or {output / EACH}.bvh for a file each clip")
     if output.suffix.lower() not in (*WRITTEN_SUFFIXES, *SURFACE_SUFFIXES) and not sequence:
-        forms = f"{', '.join(WRITTEN_SUFFIXES)}, .obj, .ply or .pcd for a still surface, .npz or a new folder for a moving one"
+        forms = f"{', '.join(WRITTEN_SUFFIXES)}, .obj, .ply or .pcd for a still surface, "
+        forms += ".npz or a new folder for a moving one"
         raise FileError(output, f"cannot write {output.suffix or 'a file without suffix'!r}; use {forms}")
     if EACH not in output.name:
         check_folder(output)

@@ -1,4 +1,5 @@
-"""What `retarget convert` does where surfaces move without a skeleton: mesh sequences, characters baked to them, point clouds."""
+"""What `retarget convert` does where surfaces move without a skeleton: mesh sequences, characters baked to them,
+point clouds."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ SEQUENCE_SUFFIXES = ("", ".npz")
 def convert_sequence(
     asset: Asset, output: Path, clip: str | None, fps: float | None, space: Similarity | None
 ) -> tuple[MeshMotion | PointMotion, str]:
-    """Write a mesh or point sequence, or the surface that a character's clip moves; returns it and what it is, in words.
+    """Write a mesh or point sequence, or the surface that a character's clip moves; returns it and what it is, in
+    words.
 
     `fps` is the rate of a sequence, which folders do not tell, and the rate at which a clip is sampled. Raises `FileError`
     for what does not move a surface.

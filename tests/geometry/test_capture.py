@@ -1,4 +1,5 @@
-"""The virtual scanner: points where the surface is, seen from where the cameras stand, with the faults asked for and no others."""
+"""The virtual scanner: points where the surface is, seen from where the cameras stand, with the faults asked for and no
+others."""
 
 from dataclasses import replace
 
@@ -61,13 +62,23 @@ def test_facing_is_the_cosine_to_the_ray():
     depth, focal = 2.0, 10.0
     world = np.array([[0.0, 0, depth], [1, 0, depth + 1], [0, 1, depth]])  # turned by 45 degrees about the upright
     placed = np.concatenate([world[:, :2] / world[:, 2:] * focal, world[:, 2:]], axis=1)
-    out = readings(placed, np.array([[0, 1, 2]]), np.full((1, 1), 1 / depth), np.zeros((1, 1), np.int64), focal, -0.5, -0.5)
+    out = readings(
+        placed, np.array([[0, 1, 2]]), np.full((1, 1), 1 / depth), np.zeros((1, 1), np.int64), focal, -0.5, -0.5
+    )
     assert out.tolist() == [[0.0, 0.0, depth, np.inf, pytest.approx(np.sqrt(0.5)), 0.0]]
 
 
 def test_what_lies_behind_a_pixel_is_the_farthest_around_it():
     nearness = np.array([[1.0, 0.5, 1], [0.25, 1, 0.2], [1, 1, 1]])
-    out = readings(np.array([[0.0, 0, 1], [1, 0, 1], [0, 1, 1]]), np.array([[0, 1, 2]]), nearness, np.zeros((3, 3), np.int64), 1.0, 0.0, 0.0)
+    out = readings(
+        np.array([[0.0, 0, 1], [1, 0, 1], [0, 1, 1]]),
+        np.array([[0, 1, 2]]),
+        nearness,
+        np.zeros((3, 3), np.int64),
+        1.0,
+        0.0,
+        0.0,
+    )
     assert out[4].tolist() == [1.5, 1.5, 1.0, 5.0, pytest.approx(1 / np.sqrt(5.5)), 0.0]
     assert np.isinf(np.delete(out[:, 3], 4)).all(), "nothing is beside the picture"
 
@@ -78,7 +89,11 @@ def test_noise_is_what_was_asked_for_and_grows_with_the_square_of_the_distance()
     middle = studio.eyes[0] + studio.middle * studio.axes[0, 2]
     spread = {}
     for far in (1.0, 2.0):
-        moved = studio.eyes[0] + far * (middle - studio.eyes[0]) + 0.05 * WALL @ np.stack([studio.axes[0, 0], studio.axes[0, 1], studio.axes[0, 2]])
+        moved = (
+            studio.eyes[0]
+            + far * (middle - studio.eyes[0])
+            + 0.05 * WALL @ np.stack([studio.axes[0, 0], studio.axes[0, 1], studio.axes[0, 2]])
+        )
         points = studio.scan(moved, SQUARE, 1)
         spread[far] = np.std((points - studio.eyes[0]) @ studio.axes[0, 2])
     assert spread[1.0] == pytest.approx(0.01, rel=0.15) and spread[2.0] / spread[1.0] == pytest.approx(4.0, rel=0.25)
@@ -96,16 +111,21 @@ def test_cameras_are_misplaced_alike_on_every_frame():
     studio = prepare_studio(scanner, BODY.vertices, BODY.faces, 5)
     straight = prepare_studio(replace(scanner, misplaced=0.0), BODY.vertices, BODY.faces, 5)
     shifts = [
-        np.sort(studio.scan(BODY.vertices, BODY.faces, seed), axis=0) - np.sort(straight.scan(BODY.vertices, BODY.faces, seed), axis=0)
+        np.sort(studio.scan(BODY.vertices, BODY.faces, seed), axis=0)
+        - np.sort(straight.scan(BODY.vertices, BODY.faces, seed), axis=0)
         for seed in (1, 2)
     ]
-    assert np.allclose(shifts[0], studio.believed[0] - studio.eyes[0], atol=1e-6) and np.allclose(shifts[0], shifts[1], atol=1e-6)
+    assert np.allclose(shifts[0], studio.believed[0] - studio.eyes[0], atol=1e-6) and np.allclose(
+        shifts[0], shifts[1], atol=1e-6
+    )
     assert np.linalg.norm(shifts[0][0]) > 0.005
 
 
 def test_holes_take_points_and_leave_what_stays():
     whole = replace(CLEAN, points=None, pixel=0.01)
-    counts = [np.mean([len(scanned(replace(whole, holes=amount), seed)) for seed in range(5)]) for amount in (0.0, 0.3, 1.0)]
+    counts = [
+        np.mean([len(scanned(replace(whole, holes=amount), seed)) for seed in range(5)]) for amount in (0.0, 0.3, 1.0)
+    ]
     assert 1.0 > counts[1] / counts[0] > 0.75 and 0.75 > counts[2] / counts[0] > 0.3
     assert np.quantile(off_the_surface(scanned(replace(whole, holes=1.0))), 0.999) < 0.005
     holed = scanned(replace(whole, holes=1.0, cameras=1))
@@ -156,7 +176,9 @@ def test_as_many_points_as_wanted(points):
 def test_cameras_stand_outside_what_moves():
     frames = np.stack([BODY.vertices + [x, 0, 0] for x in (0.0, 2.0, 4.0)])
     studio = prepare_studio(Scanner(cameras=8), frames, BODY.faces)
-    assert np.linalg.norm(studio.eyes - (frames.min(axis=(0, 1)) + frames.max(axis=(0, 1))) / 2, axis=1) == pytest.approx(studio.middle)
+    assert np.linalg.norm(
+        studio.eyes - (frames.min(axis=(0, 1)) + frames.max(axis=(0, 1))) / 2, axis=1
+    ) == pytest.approx(studio.middle)
     assert cKDTree(frames.reshape(-1, 3)).query(studio.eyes)[0].min() > 1.0
     for frame in frames:
         assert len(studio.scan(frame, BODY.faces)) == 6890
@@ -169,7 +191,8 @@ def test_no_faces_no_points():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"cameras": 0}, {"cameras": 65}, {"points": 0}, {"pixel": 0.0}, {"noise": -1.0}, {"steps": np.nan}, {"misplaced": np.inf}, {"holes": 1.5},
+    [{"cameras": 0}, {"cameras": 65}, {"points": 0}, {"pixel": 0.0}, {"noise": -1.0}, {"steps": np.nan},
+     {"misplaced": np.inf}, {"holes": 1.5},
      {"outliers": -0.1}, {"azimuth": np.nan}],
 )  # fmt: skip
 def test_settings_are_checked(wrong):

@@ -49,7 +49,9 @@ def test_a_skirt_hangs_around_the_legs_to_its_hem():
     worn = dressed(BODY, Outfit(skirt=0.6, flare=0.15))
     skirt = worn.mesh.vertices[COUNT:]
     navel = BODY.mesh.vertices[human_model().landmark("navel")][1]
-    assert skirt[:, 1].max() == pytest.approx(navel) and skirt[:, 1].min() == pytest.approx(navel * (1 - 0.57), abs=0.01)
+    assert skirt[:, 1].max() == pytest.approx(navel) and skirt[:, 1].min() == pytest.approx(
+        navel * (1 - 0.57), abs=0.01
+    )
     hem, waist = (skirt[np.abs(skirt[:, 1] - y) < 1e-6] for y in (skirt[:, 1].min(), skirt[:, 1].max()))
     assert np.ptp(hem[:, 0]) > np.ptp(waist[:, 0]) + 0.15
     legs = BODY.mesh.vertices[part("leftThigh", "rightThigh") & (BODY.mesh.vertices[:, 1] > skirt[:, 1].min())]
@@ -59,7 +61,8 @@ def test_a_skirt_hangs_around_the_legs_to_its_hem():
 
 
 @pytest.mark.parametrize(("outfit", "near"), [
-    (Outfit(hat=0.02), "head"), (Outfit(hat=0.02, brim=0.08), "head"), (Outfit(shoes=0.01), "leftFoot"), (Outfit(hair=0.03, hair_length=0.3), "chest"),
+    (Outfit(hat=0.02), "head"), (Outfit(hat=0.02, brim=0.08), "head"), (Outfit(shoes=0.01), "leftFoot"),
+    (Outfit(hair=0.03, hair_length=0.3), "chest"),
 ])  # fmt: skip
 def test_what_is_worn_follows_the_body_beneath(outfit, near):
     worn = dressed(BODY, outfit)
@@ -70,7 +73,9 @@ def test_what_is_worn_follows_the_body_beneath(outfit, near):
     rotations[names.index("hips")] = rot.from_rotation_vector(np.array([0.0, 0, 1.2]))
     rotations[names.index("leftUpperLeg")] = rot.from_rotation_vector(np.array([-1.0, 0, 0]))
     rotations[names.index("neck")] = rot.from_rotation_vector(np.array([0.5, 0.5, 0]))
-    posed = prepare_skinning(worn).vertices(*forward(worn.skeleton.parents, rotations[None], worn.skeleton.offsets[None]))[0]
+    posed = prepare_skinning(worn).vertices(
+        *forward(worn.skeleton.parents, rotations[None], worn.skeleton.offsets[None])
+    )[0]
     from scipy.spatial import cKDTree
 
     before = cKDTree(worn.mesh.vertices[:COUNT]).query(worn.mesh.vertices[COUNT:])[0]
@@ -86,8 +91,12 @@ def test_shoes_stand_on_the_floor():
 
 def test_the_same_seed_gives_the_same_and_another_other_clothes():
     one, again, other = (dressed(BODY, seed=seed) for seed in (3, 3, 4))
-    assert np.array_equal(one.mesh.vertices, again.mesh.vertices) and np.array_equal(one.skin.weights, again.skin.weights)
-    assert one.mesh.vertices.shape != other.mesh.vertices.shape or not np.array_equal(one.mesh.vertices, other.mesh.vertices)
+    assert np.array_equal(one.mesh.vertices, again.mesh.vertices) and np.array_equal(
+        one.skin.weights, again.skin.weights
+    )
+    assert one.mesh.vertices.shape != other.mesh.vertices.shape or not np.array_equal(
+        one.mesh.vertices, other.mesh.vertices
+    )
     assert random_outfit(3) == random_outfit(3) != random_outfit(4)
 
 

@@ -42,11 +42,21 @@ def test_doubles_and_integers_and_lines_left_out(tmp_path):
     table["x"], table["y"], table["z"] = [1, 2, 3, 4], [-1, -2, -3, -4], [0.1, 0.2, 0.3, 0.4]
     head = "VERSION 0.7\nFIELDS z n y x\nSIZE 8 4 2 1\nTYPE F F I U\nCOUNT 1 3 1 1\nWIDTH 4\nHEIGHT 1\nDATA binary\n"
     (tmp_path / "a.pcd").write_bytes(head.encode() + table.tobytes())
-    assert np.array_equal(load(tmp_path / "a.pcd").points.points, np.stack([table["x"], table["y"], table["z"]], axis=1))
+    assert np.array_equal(
+        load(tmp_path / "a.pcd").points.points, np.stack([table["x"], table["y"], table["z"]], axis=1)
+    )
 
 
 @pytest.mark.parametrize(
-    "raw", [b"", b"a", b"abc" * 400, bytes(1000), bytes(range(256)) * 40, np.random.default_rng(0).bytes(500) + bytes(70) + b"xyxyxyx"]
+    "raw",
+    [
+        b"",
+        b"a",
+        b"abc" * 400,
+        bytes(1000),
+        bytes(range(256)) * 40,
+        np.random.default_rng(0).bytes(500) + bytes(70) + b"xyxyxyx",
+    ],
 )
 def test_lzf_undoes_its_packing(raw):
     packed = lzf_packed(raw)

@@ -15,7 +15,22 @@ from retarget.io.obj_ply import save as save_surface
 CLOUDS = tuple(np.random.default_rng(k).normal(size=(5 + k, 3)).astype(np.float32) for k in range(12))
 BOX = Mesh(
     np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)]),
-    np.array([[0, 1, 2], [1, 3, 2], [4, 6, 5], [5, 6, 7], [0, 4, 1], [1, 4, 5], [2, 3, 6], [3, 7, 6], [0, 2, 4], [2, 6, 4], [1, 5, 3], [3, 5, 7]]),
+    np.array(
+        [
+            [0, 1, 2],
+            [1, 3, 2],
+            [4, 6, 5],
+            [5, 6, 7],
+            [0, 4, 1],
+            [1, 4, 5],
+            [2, 3, 6],
+            [3, 7, 6],
+            [0, 2, 4],
+            [2, 6, 4],
+            [1, 5, 3],
+            [3, 5, 7],
+        ]
+    ),
 )
 
 
@@ -69,7 +84,7 @@ def test_formats_may_be_mixed_and_frames_come_in_natural_order(tmp_path):
         elif number == 2:
             (folder / "f_2.pcd").write_bytes(pcd_of(cloud, "binary_compressed"))
         elif number == 3:
-            (folder / "f_3.obj").write_text("".join("v %.9g %.9g %.9g\n" % tuple(place) for place in cloud.tolist()))
+            (folder / "f_3.obj").write_text("".join(f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in cloud.tolist()))
         else:
             np.savez(folder / "f_10.npz", points=cloud)
     np.savez(folder / "0_settings.npz", fps=30)  # no frame
@@ -115,7 +130,9 @@ def test_frames_that_cannot_be_read_are_empty_and_told(tmp_path):
     assert "4 of 12 files cannot be read and stand as empty frames (0002.ply: is not a PLY file" in asset.notes[-1]
     for number in (7, 8, 9):
         (folder / f"{number:04d}.ply").write_text("ply?")
-    with pytest.raises(FileError, match="7 of its 12 files cannot be read as frames; of the first: .*0002.ply: is not a PLY file"):
+    with pytest.raises(
+        FileError, match="7 of its 12 files cannot be read as frames; of the first: .*0002.ply: is not a PLY file"
+    ):
         load(folder)
 
 
@@ -191,7 +208,9 @@ def test_what_cannot_be_written_is_told_and_leaves_nothing(tmp_path, monkeypatch
     with pytest.raises(FileError, match="126 points are more than an archive holds"):
         save_sequence(tmp_path / "a.npz", captured())
     monkeypatch.undo()
-    monkeypatch.setattr(point_folder, "write_points", lambda file, cloud: (_ for _ in ()).throw(OSError(28, "No space left")))
+    monkeypatch.setattr(
+        point_folder, "write_points", lambda file, cloud: (_ for _ in ()).throw(OSError(28, "No space left"))
+    )
     with pytest.raises(FileError, match="cannot be written: No space left"):
         save_sequence(tmp_path / "a", captured())
     assert list(tmp_path.iterdir()) == []
@@ -204,7 +223,8 @@ def test_what_cannot_be_written_is_told_and_leaves_nothing(tmp_path, monkeypatch
 
 @pytest.mark.parametrize(
     ("wrong", "said"),
-    [({"clouds": ()}, "at least one frame"), ({"fps": 0.0}, "must be positive"), ({"clouds": (np.full((3, 3), np.nan),)}, "finite")],
+    [({"clouds": ()}, "at least one frame"), ({"fps": 0.0}, "must be positive"),
+     ({"clouds": (np.full((3, 3), np.nan),)}, "finite")],
 )  # fmt: skip
 def test_a_point_motion_checks_itself(wrong, said):
     with pytest.raises(RetargetError, match=said):

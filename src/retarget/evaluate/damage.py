@@ -191,11 +191,14 @@ def _damaged_ascii(content: bytes, chance: Random) -> bytes:
 def _damaged_head(content: bytes, chance: Random) -> bytes:
     """Damage to the words of a header that says what the rest means: its last line begins with DATA."""
     end = content.find(b"\n", content.find(b"\nDATA ") + 1) + 1
-    return damaged_text(content[:end], chance) + content[end:] if end and chance.random() < 0.7 else _damaged_ascii(content, chance)
+    if end and chance.random() < 0.7:
+        return damaged_text(content[:end], chance) + content[end:]
+    return _damaged_ascii(content, chance)
 
 
 WAYS: dict[str, Callable[[bytes, Random], bytes]] = {
-    ".bvh": damaged_text, ".obj": damaged_text, ".usda": damaged_text, ".ply": _damaged_ascii, ".fbx": _damaged_ascii, ".pcd": _damaged_head,
+    ".bvh": damaged_text, ".obj": damaged_text, ".usda": damaged_text, ".ply": _damaged_ascii, ".fbx": _damaged_ascii,
+    ".pcd": _damaged_head,
     ".gltf": damaged_json, ".glb": damaged_glb, ".vrm": damaged_glb, ".vrma": damaged_glb, ".npz": damaged_zip, ".usdz": damaged_zip,
 }  # fmt: skip
 """What is done to files by their suffix, beside damage to their bytes."""

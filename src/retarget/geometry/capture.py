@@ -2,8 +2,9 @@
 
 Every camera draws the surface into a picture of depths (`capture_kernels.look`), and every pixel becomes a point. Which
 faults are made, and how, is ours: noise that grows with the square of the distance and steps of depth, as triangulating
-sensors have both (Khoshelham and Elberink 2012); no reading where the surface turns away; holes; points that fly between
-an edge and what lies behind it; pieces of floor that were not cut away; cameras that are not quite where they are taken to be.
+sensors have both (Khoshelham and Elberink 2012); no reading where the surface turns away; holes; points that fly
+between an edge and what lies behind it; pieces of floor that were not cut away; cameras that are not quite where they
+are taken to be.
 
 Nothing here knows bodies or time: `prepare_studio` places cameras once, `Studio.scan` takes one frame.
 """
@@ -45,8 +46,8 @@ class Scanner:
     points: int | None = 6890
     """Points of a frame at most, chosen at random; None keeps all."""
     pixel: float | None = None
-    """What a pixel spans in the middle of the studio; None: as fine as `points` needs (10 mm for a person, 6,890 points and
-    four cameras: pictures of about 160 x 120)."""
+    """What a pixel spans in the middle of the studio; None: as fine as `points` needs (10 mm for a person, 6,890 points
+    and four cameras: pictures of about 160 x 120)."""
     noise: float = 0.003
     """Standard deviation of a depth in the middle of the studio; it grows with the square of the distance."""
     steps: float = 0.001
@@ -128,7 +129,8 @@ class Studio:
     def _seen(
         self, camera: int, body: int, box: Array, places: Array, faces: Array, draw: np.random.Generator
     ) -> Float[Array, "points 3"]:
-        """Points of one camera, in the world as it is believed. The first `body` places are the body's, within `box`."""
+        """Points of one camera, in the world as it is believed. The first `body` places are the body's, within
+        `box`."""
         from retarget.geometry.capture_kernels import look, placed_points, readings
 
         scanner = self.scanner
@@ -138,7 +140,9 @@ class Studio:
         left, top = np.floor(first - around)
         columns, rows = (np.ceil(last + around) - (left, top)).clip(0, 1e9).astype(int)
         if rows * columns > MOST_PIXELS:
-            raise RetargetError(f"a picture of {columns} x {rows} pixels is too large; choose larger pixels or fewer points")
+            raise RetargetError(
+                f"a picture of {columns} x {rows} pixels is too large; choose larger pixels or fewer points"
+            )
         nearness, owner = np.zeros((rows, columns)), np.full((rows, columns), -1, dtype=np.int64)
         look(placed, faces, left, top, nearness, owner)
         found = readings(placed, faces, nearness, owner, self.focal, left, top)
@@ -193,9 +197,9 @@ def prepare_studio(
 ) -> Studio:
     """Place cameras around all frames of a moving surface (metres, +Y up), or around one.
 
-    They look at the middle of all frames, in turn from a little above it and from well above, from further away than any
-    frame reaches. `floor` is the height of the floor; None takes the lowest vertex. Raises `RetargetError` for a surface
-    without area or with vertices that are not finite.
+    They look at the middle of all frames, in turn from a little above it and from well above, from further away than
+    any frame reaches. `floor` is the height of the floor; None takes the lowest vertex. Raises `RetargetError` for a
+    surface without area or with vertices that are not finite.
     """
     frames = np.asarray(vertices, dtype=np.float64).reshape(-1, vertices.shape[-2], 3)
     if not np.isfinite(frames).all():
@@ -231,7 +235,8 @@ def scan(
     scanner: Scanner | None = None,
     seed: int | Sequence[int] = 0,
 ) -> Float32[Array, "points 3"]:
-    """What a scanner measures of one surface (metres), its cameras placed around it: `prepare_studio` and `Studio.scan`."""
+    """What a scanner measures of one surface (metres), its cameras placed around it: `prepare_studio` and
+    `Studio.scan`."""
     return prepare_studio(scanner or Scanner(), vertices, faces, seed).scan(vertices, faces, seed)
 
 
@@ -251,5 +256,7 @@ def _floor_pieces(low: Array, high: Array, level: float, body: float, draw: np.r
         rim = np.stack([x + radius * np.cos(turn), np.full(len(turn), level), z + radius * np.sin(turn)], axis=1)
         start, around = number * (len(turn) + 1), np.arange(len(turn))
         corners.append(np.concatenate([[[x, level, z]], rim]))
-        pieces.append(np.stack([np.full(len(turn), start), start + 1 + around, start + 1 + np.roll(around, -1)], axis=1))
+        pieces.append(
+            np.stack([np.full(len(turn), start), start + 1 + around, start + 1 + np.roll(around, -1)], axis=1)
+        )
     return np.concatenate(corners), np.concatenate(pieces)

@@ -1,5 +1,5 @@
-"""Compiled loops of `capture`: which triangle every pixel of a depth camera sees, how far it is, and how it is turned. Import only
-where used."""
+"""Compiled loops of `capture`: which triangle every pixel of a depth camera sees, how far it is, and how it is turned.
+Import only where used."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "boundscheck": 
 
 @njit(**OPTIONS)
 def look(places, faces, left, top, nearness, owner):
-    """Fill a picture with the nearest triangles: `nearness` (1 / depth, to begin with 0) and `owner` (face, to begin with -1).
+    """Fill a picture with the nearest triangles: `nearness` (1 / depth, to begin with 0) and `owner` (face, to begin
+    with -1).
 
-    `places` (vertices, 3) are pixels right, pixels down and depth; `left` and `top` are the picture's first column and row,
-    whose middles lie half a pixel further. Both sides of a triangle are seen; one that reaches behind the eye is not.
+    `places` (vertices, 3) are pixels right, pixels down and depth; `left` and `top` are the picture's first column and
+    row, whose middles lie half a pixel further. Both sides of a triangle are seen; one that reaches behind the eye is
+    not.
     """
     rows, columns = nearness.shape
     for face in range(len(faces)):
@@ -47,9 +49,9 @@ def look(places, faces, left, top, nearness, owner):
 
 @njit(**OPTIONS)
 def readings(places, faces, nearness, owner, focal, left, top):
-    """A row for every pixel that sees something: column and row, from the middle of the picture to the middle of the pixel, depth,
-    the largest depth among the four pixels around (endless where nothing is), how squarely its triangle faces it (0 to 1), and
-    the triangle. Arguments as of `look`, after it."""
+    """A row for every pixel that sees something: column and row, from the middle of the picture to the middle of the
+    pixel, depth, the largest depth among the four pixels around (endless where nothing is), how squarely its triangle
+    faces it (0 to 1), and the triangle. Arguments as of `look`, after it."""
     rows, columns = nearness.shape
     count = 0
     for row in range(rows):
@@ -67,7 +69,12 @@ def readings(places, faces, nearness, owner, focal, left, top):
             if row == 0 or column == 0 or row == rows - 1 or column == columns - 1:
                 least = 0.0
             else:
-                least = min(nearness[row - 1, column], nearness[row + 1, column], nearness[row, column - 1], nearness[row, column + 1])
+                least = min(
+                    nearness[row - 1, column],
+                    nearness[row + 1, column],
+                    nearness[row, column - 1],
+                    nearness[row, column + 1],
+                )
             for k in range(3):
                 x, y, z = places[faces[face, k], 0], places[faces[face, k], 1], places[faces[face, k], 2]
                 corner[k, 0], corner[k, 1], corner[k, 2] = x * z / focal, y * z / focal, z
@@ -87,7 +94,8 @@ def readings(places, faces, nearness, owner, focal, left, top):
 
 @njit(**OPTIONS)
 def placed_points(across, depth, focal, axes, eye):
-    """Points in the world: pixels (points, 2) from the middle of the picture, depths, the camera's axes (rows) and place."""
+    """Points in the world: pixels (points, 2) from the middle of the picture, depths, the camera's axes (rows) and
+    place."""
     out = np.empty((len(depth), 3))
     for point in range(len(depth)):
         x, y, z = across[point, 0] / focal * depth[point], across[point, 1] / focal * depth[point], depth[point]

@@ -1,7 +1,8 @@
 """Clothes and hair on the embedded human: what scanners see of people, moved by the bones of the body beneath.
 
-Close garments are the skin itself, moved outward by up to 4 cm, unevenly and with wrinkles; skirts, coats, long hair, hats and
-shoes are surfaces of their own. How they are shaped is ours, and no cloth is simulated: everything follows the nearest skin.
+Close garments are the skin itself, moved outward by up to 4 cm, unevenly and with wrinkles; skirts, coats, long hair,
+hats and shoes are surfaces of their own. How they are shaped is ours, and no cloth is simulated: everything follows the
+nearest skin.
 """
 
 from __future__ import annotations
@@ -84,12 +85,14 @@ def random_outfit(seed: int | Sequence[int]) -> Outfit:
 def dressed(character: Character, outfit: Outfit | None = None, seed: int | Sequence[int] = 0) -> Character:
     """An embedded human in clothes: the same skeleton, more surface, which moves with the skin beneath.
 
-    The first vertices are the body's, in their order, those under close garments moved outward. `outfit` is one of the seed if
-    not given. Equal input gives equal output. Raises `RetargetError` for a character on another topology.
+    The first vertices are the body's, in their order, those under close garments moved outward. `outfit` is one of the
+    seed if not given. Equal input gives equal output. Raises `RetargetError` for a character on another topology.
     """
     model = human_model()
     if character.mesh is None or not np.array_equal(character.mesh.faces, model.faces):
-        raise RetargetError(f"{character.name or 'the character'} is not on the embedded human's topology, for which clothes are cut")
+        raise RetargetError(
+            f"{character.name or 'the character'} is not on the embedded human's topology, for which clothes are cut"
+        )
     outfit = outfit or random_outfit(seed)
     draw = np.random.default_rng(seed)
     body = Surface(character.mesh.vertices, model.faces)
@@ -103,7 +106,11 @@ def dressed(character: Character, outfit: Outfit | None = None, seed: int | Sequ
     vertices = np.concatenate([close.vertices, *(piece.vertices for piece, _ in pieces)])
     skin = _skin(character.skin, close, pieces)
     materials = (*character.mesh.materials, CLOTH)
-    own = character.mesh.face_materials if character.mesh.face_materials is not None else np.zeros(len(close.faces), dtype=np.int64)
+    own = (
+        character.mesh.face_materials
+        if character.mesh.face_materials is not None
+        else np.zeros(len(close.faces), dtype=np.int64)
+    )
     cloth = np.full(sum(map(len, faces[1:])), len(materials) - 1)
     mesh = Mesh(vertices, np.concatenate(faces), materials=materials, face_materials=np.concatenate([own, cloth]))
     return replace(character, mesh=mesh, skin=skin, name=f"{character.name} dressed", origin=None)
@@ -112,9 +119,11 @@ def dressed(character: Character, outfit: Outfit | None = None, seed: int | Sequ
 def layer(
     fine: Surface, placing: object, body: Surface, parts: list[int], away: float, above: bool = False
 ) -> tuple[Surface, Places]:
-    """A copy of parts of the skin, held away from it, with a border; of the upper half of a head only for a hat (`above`).
+    """A copy of parts of the skin, held away from it, with a border; of the upper half of a head only for a hat
+    (`above`).
 
-    `fine` and `placing` are `subdivide(body)`; `body` is on the embedded topology. Also tells where each vertex lies on the body.
+    `fine` and `placing` are `subdivide(body)`; `body` is on the embedded topology. Also tells where each vertex lies on
+    the body.
     """
     model = human_model()
     inside = np.isin(model.vertex_parts, parts)
@@ -135,7 +144,9 @@ def layer(
     return Surface(fine.vertices[used] + away * outward, packed.reshape(-1, 3)), Places(corners, weights)
 
 
-def smoothed(values: Float[Array, "vertices *axes"], surface: Surface, rounds: int = 6) -> Float[Array, "vertices *axes"]:
+def smoothed(
+    values: Float[Array, "vertices *axes"], surface: Surface, rounds: int = 6
+) -> Float[Array, "vertices *axes"]:
     """Values of vertices, mixed with those of their neighbours."""
     from scipy.sparse import csr_matrix, diags
 
@@ -149,7 +160,11 @@ def smoothed(values: Float[Array, "vertices *axes"], surface: Surface, rounds: i
 
 def _parts(model: HumanModel, *names: str) -> Bool[Array, "vertices"]:
     """Vertices of body parts; those of limbs are named without their side."""
-    wanted = [number for number, part in enumerate(model.part_names) if part.removeprefix("left").removeprefix("right") in names]
+    wanted = [
+        number
+        for number, part in enumerate(model.part_names)
+        if part.removeprefix("left").removeprefix("right") in names
+    ]
     return np.isin(model.vertex_parts, wanted)
 
 
@@ -164,7 +179,9 @@ def _close_garments(
     for thickness, names in ((outfit.top, top), (outfit.trousers, trousers)):
         uneven = 1.0 + 0.5 * _waves(places, (0.2, 0.6), draw)
         folds = _waves(places, (0.04, 0.1), draw) * (0.6 + 0.4 * _waves(places, (0.3, 0.6), draw))
-        garment = thickness * (uneven + outfit.wrinkles * folds) * smoothed(_parts(model, *names).astype(float), body, 3)
+        garment = (
+            thickness * (uneven + outfit.wrinkles * folds) * smoothed(_parts(model, *names).astype(float), body, 3)
+        )
         away = np.maximum(away, np.clip(garment, 0.0, THICKEST))
     tufts = 1.0 + 0.4 * _waves(places, (0.03, 0.12), draw)
     away = np.maximum(away, np.clip(outfit.hair * tufts, 0.0, 0.08) * smoothed(_scalp(body, model), body, 3))
@@ -174,7 +191,9 @@ def _close_garments(
 
 def _scalp(body: Surface, model: HumanModel) -> Float[Array, "vertices"]:
     """1 where hair grows: behind the face, and above it."""
-    nose, back, brow, crown = (body.vertices[model.landmark(name)] for name in ("nose", "backOfHead", "forehead", "crown"))
+    nose, back, brow, crown = (
+        body.vertices[model.landmark(name)] for name in ("nose", "backOfHead", "forehead", "crown")
+    )
     forward = (nose - back) * [1.0, 0.0, 1.0]
     behind = (body.vertices - back) @ forward < 0.5 * (forward @ forward)
     high = body.vertices[:, 1] > brow[1] + 0.35 * (crown - brow)[1]
@@ -182,8 +201,11 @@ def _scalp(body: Surface, model: HumanModel) -> Float[Array, "vertices"]:
     return (_parts(model, "head") & (behind | high) & ~low).astype(float)
 
 
-def _waves(places: Float[Array, "vertices 3"], lengths: tuple[float, float], draw: np.random.Generator) -> Float[Array, "vertices"]:
-    """A random smooth function of space between about -1 and 1: six waves of random direction, length (metres) and phase."""
+def _waves(
+    places: Float[Array, "vertices 3"], lengths: tuple[float, float], draw: np.random.Generator
+) -> Float[Array, "vertices"]:
+    """A random smooth function of space between about -1 and 1: six waves of random direction, length (metres) and
+    phase."""
     along = draw.normal(size=(6, 3))
     along *= 2 * np.pi / (draw.uniform(*lengths, size=(6, 1)) * np.linalg.norm(along, axis=1, keepdims=True))
     return np.sin(places @ along.T + draw.uniform(0, 2 * np.pi, 6)).sum(axis=1) / np.sqrt(12)
@@ -206,14 +228,18 @@ def _hanging_pieces(close: Surface, model: HumanModel, outfit: Outfit, size: flo
         end = ear[1] - outfit.hair_length * size
         middle = 0.5 * (ear + close.vertices[model.landmark("rightEar")])
         span = (0.55 * np.pi, 1.45 * np.pi)
-        found.append((_hanging(close.vertices[own], ear[1] + 0.03 * size, end, span, 0.005, 0.02, size, draw, middle), own))
+        found.append(
+            (_hanging(close.vertices[own], ear[1] + 0.03 * size, end, span, 0.005, 0.02, size, draw, middle), own)
+        )
     if outfit.hat and outfit.brim:
         own = np.flatnonzero(_parts(model, "head"))
         crown, chin = (close.vertices[model.landmark(name)] for name in ("crown", "chin"))
         rim = chin[1] + 0.56 * (crown - chin)[1]
         middle = close.vertices[own].mean(axis=0)
         ends = (rim, rim - 0.01 * size)
-        found.append((_hanging(close.vertices[own], *ends, (-np.pi, np.pi), outfit.hat, outfit.brim, size, draw, middle), own))
+        found.append(
+            (_hanging(close.vertices[own], *ends, (-np.pi, np.pi), outfit.hat, outfit.brim, size, draw, middle), own)
+        )
     return found
 
 
@@ -228,8 +254,9 @@ def _hanging(
     draw: np.random.Generator,
     middle: Float[Array, "3"] | None = None,
 ) -> Surface:
-    """A surface that hangs around points from one height to another: as far out as what it passes, never narrower below, with
-    folds that grow to its hem. `span` are angles about +Y from +Z towards +X; lengths beside heights grow with `size`."""
+    """A surface that hangs around points from one height to another: as far out as what it passes, never narrower
+    below, with folds that grow to its hem. `span` are angles about +Y from +Z towards +X; lengths beside heights grow
+    with `size`."""
     middle = points.mean(axis=0) if middle is None else middle
     whole = span[1] - span[0] >= 2 * np.pi - 1e-9
     angles = np.linspace(*span, ROUND, endpoint=not whole)
@@ -244,7 +271,10 @@ def _hanging(
     down = np.linspace(0.0, 1.0, DOWN)[:, None]
     waves = np.sin(angles * draw.integers(5, 14) + draw.uniform(0, 2 * np.pi)) * draw.uniform(0.1, 0.35)
     reach = reach + size * (ease + flare * down**1.2 * (1.0 + waves))
-    vertices = np.stack([reach * toward[0] + middle[0], np.broadcast_to(levels[:, None], reach.shape), reach * toward[1] + middle[2]], axis=-1)
+    vertices = np.stack(
+        [reach * toward[0] + middle[0], np.broadcast_to(levels[:, None], reach.shape), reach * toward[1] + middle[2]],
+        axis=-1,
+    )
     here = np.arange(DOWN * ROUND).reshape(DOWN, ROUND)
     here = np.concatenate([here, here[:, :1]], axis=1) if whole else here
     a, b, c, d = here[:-1, :-1].ravel(), here[:-1, 1:].ravel(), here[1:, 1:].ravel(), here[1:, :-1].ravel()
@@ -262,7 +292,9 @@ def _worn_pieces(close: Surface, model: HumanModel, outfit: Outfit, size: float)
         for side in ("left", "right"):
             shoe, _ = layer(fine, placing, close, [number[f"{side}Foot"]], outfit.shoes * size)
             lowest = close.vertices[:, 1].min()
-            shoe = Surface(np.maximum(shoe.vertices, [-np.inf, lowest, -np.inf]), shoe.faces)  # soles stand on the floor
+            shoe = Surface(
+                np.maximum(shoe.vertices, [-np.inf, lowest, -np.inf]), shoe.faces
+            )  # soles stand on the floor
             found.append((shoe, model.part_vertices(f"{side}Foot")))
     if outfit.hat:
         hat, _ = layer(fine, placing, close, [number["head"]], outfit.hat * size, above=True)

@@ -18,8 +18,8 @@ def sample_surface(
 ) -> Float[Array, "count 3"]:
     """Random points on a surface, every piece of which gets as many as its area deserves (units of the vertices).
 
-    The vertices of a mesh lie dense where its maker wanted detail (head, hands), which no scanner knows of. The same seed
-    gives the same points. Raises `RetargetError` for a surface without area.
+    The vertices of a mesh lie dense where its maker wanted detail (head, hands), which no scanner knows of. The same
+    seed gives the same points. Raises `RetargetError` for a surface without area.
     """
     size = areas(vertices, faces)
     total = np.cumsum(size)

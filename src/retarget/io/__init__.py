@@ -139,12 +139,14 @@ def save_sequence(path: str | Path, motion: MeshMotion | PointMotion) -> None:
 
 
 def check_sequence_output(path: str | Path, points: bool = False) -> None:
-    """Refuse an output that could not hold a mesh sequence, or one of `points`, before any work is done. Raises `FileError`."""
+    """Refuse an output that could not hold a mesh sequence, or one of `points`, before any work is done. Raises
+    `FileError`."""
     path = Path(path)
     suffix = path.suffix.lower()
     if points:
         if suffix not in ("", ".npz"):
-            raise FileError(path, f"a point sequence is written as .npz or a folder (a name without suffix), not as {path.suffix!r}")
+            forms = "as .npz or a folder (a name without suffix)"
+            raise FileError(path, f"a point sequence is written {forms}, not as {path.suffix!r}")
         check_folder(path) if suffix else check_new_folder(path)
     elif suffix and suffix not in (".glb", ".gltf", ".npz", ".abc") and WRITERS.get(suffix) != "retarget.io.usd":
         raise FileError(path, f"a mesh sequence is written as .glb, .gltf, .npz or a folder, as USD or Alembic, not as {path.suffix!r}")

@@ -1,4 +1,5 @@
-"""Mesh sequences as folders: one OBJ or PLY file a frame, all with the same faces. Folders of other frames are captures."""
+"""Mesh sequences as folders: one OBJ or PLY file a frame, all with the same faces. Folders of other frames are
+captures."""
 
 from __future__ import annotations
 
@@ -22,11 +23,11 @@ LARGEST = 1 << 31
 
 
 def load(path: str | Path) -> Asset:
-    """Read a folder of OBJ, PLY, PCD or NPZ files, in natural order (frame_2 before frame_10): as one 'mesh sequence' where all
-    frames share one set of faces, else as a 'point sequence' (`point_folder`).
+    """Read a folder of OBJ, PLY, PCD or NPZ files, in natural order (frame_2 before frame_10): as one 'mesh sequence'
+    where all frames share one set of faces, else as a 'point sequence' (`point_folder`).
 
-    Files that cannot be read are bridged, and told in the notes. Raises `FileError` for a folder without such files, where more
-    than half of them cannot be read, and for more than fits into memory.
+    Files that cannot be read are bridged, and told in the notes. Raises `FileError` for a folder without such files,
+    where more than half of them cannot be read, and for more than fits into memory.
     """
     path = Path(path)
     files = sorted(point_folder.frame_files(path), key=lambda file: natural(file.name))
@@ -44,7 +45,9 @@ def load(path: str | Path) -> Asset:
         if first is None:
             first, vertices = mesh, len(mesh.vertices)
             if 12 * vertices * len(files) > LARGEST:
-                raise FileError(path, f"holds {len(files)} frames of {vertices} vertices, more than is kept in memory at once")
+                raise FileError(
+                    path, f"holds {len(files)} frames of {vertices} vertices, more than is kept in memory at once"
+                )
             places = np.full((len(files), vertices, 3), np.nan, dtype=np.float32)
         places[number] = mesh.vertices
     point_folder.expect_most(path, len(files), faults)
@@ -65,17 +68,19 @@ def holds_frames(path: Path) -> bool:
 
 
 def expect_no_frames(path: Path) -> None:
-    """Raises `FileError` for a folder of frames where motions of joints are looked for, saying what can be done with it."""
+    """Raises `FileError` for a folder of frames where motions of joints are looked for, saying what can be done with
+    it."""
     if holds_frames(path):
-        cure = "as a mesh sequence `retarget run` takes it, `info` and `picture` show it, `convert` writes it in other formats"
+        cure = "as a mesh sequence `retarget run` takes it, `info` and `picture` show it, "
+        cure += "`convert` writes it in other formats"
         raise FileError(path, f"the folder holds frames ({', '.join(FRAMES)}) and no motion of joints; {cure}")
 
 
 def save(path: str | Path, motion: MeshMotion, suffix: str = ".ply") -> None:
     """Write a folder with one file a frame, named by number. The folder appears whole or not at all.
 
-    Raises `FileError` for a suffix that is neither .obj nor .ply, where there is such a folder or file already, and where it
-    cannot be written.
+    Raises `FileError` for a suffix that is neither .obj nor .ply, where there is such a folder or file already, and
+    where it cannot be written.
     """
     path = Path(path)
     if suffix not in WRITTEN:
@@ -90,4 +95,3 @@ def save(path: str | Path, motion: MeshMotion, suffix: str = ".ply") -> None:
 def natural(name: str) -> list[tuple[int, int | str]]:
     """A key that sorts names as people count: numbers by value, text by letters."""
     return [(0, int(part)) if part.isdigit() else (1, part.lower()) for part in re.split(r"([0-9]+)", name) if part]
-

@@ -1,7 +1,7 @@
 """Point clouds as .npz archives.
 
-| a capture | `points` (all points of all frames, 3) with `counts` (points of each frame), or `points` (frames, points, 3); `fps` |
-| one cloud | `points` (points, 3) |
+A capture is `points` (all points of all frames, 3) with `counts` (points of each frame), or `points` (frames, points,
+3), and `fps`; one cloud is `points` (points, 3).
 
 Points that are not finite are left out. A frame may have none.
 """
@@ -25,8 +25,8 @@ Array = np.ndarray
 
 
 def load(archive: Archive) -> Asset:
-    """Read a capture, or one cloud. Raises `FileError` for arrays of other shapes, counts that do not fit their points, a rate
-    that is none, and where no point is finite."""
+    """Read a capture, or one cloud. Raises `FileError` for arrays of other shapes, counts that do not fit their points,
+    a rate that is none, and where no point is finite."""
     shape = archive.shape("points")
     if "counts" not in archive and len(shape) == 2:
         cloud, notes = _cloud(archive)
@@ -38,7 +38,13 @@ def load(archive: Archive) -> Asset:
         raise archive.fail("points", f"must have the shape {wanted}, received {shape}")
     if "counts" in archive:
         counts = archive.integers("counts")
-        if counts.ndim != 1 or not len(counts) or counts.min() < 0 or counts.max() > shape[0] or counts.sum() != shape[0]:
+        if (
+            counts.ndim != 1
+            or not len(counts)
+            or counts.min() < 0
+            or counts.max() > shape[0]
+            or counts.sum() != shape[0]
+        ):
             raise archive.fail("counts", f"must say how many of the {shape[0]} points belong to each frame")
     else:
         counts = np.full(shape[0], shape[1])
@@ -46,7 +52,9 @@ def load(archive: Archive) -> Asset:
     finite = np.isfinite(points).all(axis=1)
     if not finite.any():
         raise archive.fail("points", f"none of its {len(points)} points is finite")
-    clouds = [cloud[seen] for cloud, seen in zip(*(np.split(each, np.cumsum(counts)[:-1]) for each in (points, finite)))]
+    clouds = [
+        cloud[seen] for cloud, seen in zip(*(np.split(each, np.cumsum(counts)[:-1]) for each in (points, finite)))
+    ]
     fps, notes = rate_of(archive)
     if lost := int((~finite).sum()):
         notes.append(f"{lost} points that are not finite were left out")
@@ -60,7 +68,9 @@ def frame(path: Path) -> Mesh | PointCloud:
     """One frame of a folder: `points` (points, 3), or `vertices` (vertices, 3) with `faces`. Raises `FileError`."""
     archive = open_archive(path)
     if not is_frame(archive):
-        raise FileError(path, "is no frame: it needs points (points, 3), or vertices (vertices, 3) with faces (faces, 3)")
+        raise FileError(
+            path, "is no frame: it needs points (points, 3), or vertices (vertices, 3) with faces (faces, 3)"
+        )
     if "points" in archive:
         return _cloud(archive)[0]
     faces = archive.integers("faces")
@@ -72,7 +82,12 @@ def frame(path: Path) -> Mesh | PointCloud:
 def is_frame(archive: Archive) -> bool:
     """Whether an archive holds one frame of a folder, told by its arrays."""
     held = "points" if "points" in archive else "vertices" if "faces" in archive and "vertices" in archive else ""
-    return bool(held) and "counts" not in archive and len(archive.entries[held].shape) == 2 and archive.entries[held].shape[1] == 3
+    return (
+        bool(held)
+        and "counts" not in archive
+        and len(archive.entries[held].shape) == 2
+        and archive.entries[held].shape[1] == 3
+    )
 
 
 def _cloud(archive: Archive) -> tuple[PointCloud, tuple[str, ...]]:
@@ -85,11 +100,13 @@ def _cloud(archive: Archive) -> tuple[PointCloud, tuple[str, ...]]:
 
 
 def save(path: str | Path, motion: PointMotion) -> None:
-    """Write a capture, single precision; equal input gives equal bytes. The file appears whole or not at all. Raises `FileError`
-    for more points than archives are read with, and where it cannot be written."""
+    """Write a capture, single precision; equal input gives equal bytes. The file appears whole or not at all. Raises
+    `FileError` for more points than archives are read with, and where it cannot be written."""
     counts = np.array([len(cloud) for cloud in motion.clouds], dtype=np.int32)
     if 3 * int(counts.sum()) > MOST_VALUES:
-        raise FileError(path, f"{counts.sum()} points are more than an archive holds ({MOST_VALUES // 3}); write a folder")
+        raise FileError(
+            path, f"{counts.sum()} points are more than an archive holds ({MOST_VALUES // 3}); write a folder"
+        )
     arrays = {"points": np.concatenate(motion.clouds), "counts": counts, "fps": np.array(motion.fps)}
     with written_whole(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in arrays.items():

@@ -47,7 +47,8 @@ def load(archive: Archive) -> Asset:
 
 
 def rate_of(archive: Archive) -> tuple[float, list[str]]:
-    """Frames a second that an archive states, and a note where it does not. Raises `FileError` for a rate that is none."""
+    """Frames a second that an archive states, and a note where it does not. Raises `FileError` for a rate that is
+    none."""
     if "fps" not in archive:
         return FPS, [f"the archive states no frame rate; {FPS:g} a second is taken"]
     rate = archive.numbers("fps")

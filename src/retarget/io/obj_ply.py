@@ -45,8 +45,8 @@ BLOCK = 1 << 14
 
 
 def load(path: str | Path, empty: bool = False) -> Asset:
-    """Read an OBJ or PLY file: kind 'mesh', or 'points' when it has no faces. With `empty` a PLY without vertices is a cloud of no
-    points (a frame in which nothing was seen).
+    """Read an OBJ or PLY file: kind 'mesh', or 'points' when it has no faces. With `empty` a PLY without vertices is a
+    cloud of no points (a frame in which nothing was seen).
 
     Texture coordinates are kept where no vertex has two of them (without seams). Raises `FileError` with the place for
     what cannot be read, numbers that are not finite, and faces that name vertices that do not exist.
@@ -66,8 +66,8 @@ def load(path: str | Path, empty: bool = False) -> Asset:
 
 
 def save(path: str | Path, surface: Mesh | PointCloud) -> None:
-    """Write a mesh or a cloud as OBJ (text, 9 digits) or PLY (binary, double precision); the suffix chooses. Clouds are written as
-    PCD, too.
+    """Write a mesh or a cloud as OBJ (text, 9 digits) or PLY (binary, double precision); the suffix chooses. Clouds
+    are written as PCD, too.
 
     Materials are not written. The file appears whole or not at all. Raises `FileError` for another suffix or a folder
     that cannot be written.

@@ -1,7 +1,9 @@
-"""PCD, the point clouds of PCL: a header of words, then the points as text, as bytes, or as compressed bytes (version 0.7).
+"""PCD, the point clouds of PCL: a header of words, then the points as text, as bytes, or as compressed bytes (version
+0.7).
 
-Positions are read, in whatever numbers they are given; colours, normals and the pose of the sensor (VIEWPOINT) are passed over.
-Organised clouds (a depth picture, HEIGHT over 1) keep the points that are finite: sensors mark pixels without depth by NaN.
+Positions are read, in whatever numbers they are given; colours, normals and the pose of the sensor (VIEWPOINT) are
+passed over. Organised clouds (a depth picture, HEIGHT over 1) keep the points that are finite: sensors mark pixels
+without depth by NaN.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ from retarget.io.whole_file import written_whole
 Array = np.ndarray
 
 TYPES = {
-    "I1": "i1", "I2": "i2", "I4": "i4", "I8": "i8", "U1": "u1", "U2": "u2", "U4": "u4", "U8": "u8", "F4": "f4", "F8": "f8",
+    "I1": "i1", "I2": "i2", "I4": "i4", "I8": "i8", "U1": "u1", "U2": "u2", "U4": "u4", "U8": "u8",
+    "F4": "f4", "F8": "f8",
 }  # fmt: skip
 WORDS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
 ENCODINGS = ("ascii", "binary", "binary_compressed")
@@ -52,7 +55,8 @@ class _Header:
 
 
 def load(path: str | Path, empty: bool = False) -> Asset:
-    """Read a PCD file: kind 'points'. With `empty` a cloud of no points is one, too (a frame in which nothing was seen).
+    """Read a PCD file: kind 'points'. With `empty` a cloud of no points is one, too (a frame in which nothing was
+    seen).
 
     Raises `FileError` with the line for headers that are none, and for files that hold less than they declare.
     """
@@ -68,8 +72,8 @@ def load(path: str | Path, empty: bool = False) -> Asset:
 
 
 def save(path: str | Path, cloud: PointCloud) -> None:
-    """Write a cloud, binary, single precision. The file appears whole or not at all. Raises `FileError` where it cannot be
-    written."""
+    """Write a cloud, binary, single precision. The file appears whole or not at all. Raises `FileError` where it cannot
+    be written."""
     with written_whole(path) as file:
         write_pcd(file, cloud.points)
 
@@ -77,7 +81,8 @@ def save(path: str | Path, cloud: PointCloud) -> None:
 def write_pcd(file: BinaryIO, points: Float[Array, "points 3"]) -> None:
     """The bytes of a PCD file of these points."""
     header = (
-        "# .PCD v0.7 - Point Cloud Data file format", "VERSION 0.7", "FIELDS x y z", "SIZE 4 4 4", "TYPE F F F", "COUNT 1 1 1",
+        "# .PCD v0.7 - Point Cloud Data file format", "VERSION 0.7", "FIELDS x y z", "SIZE 4 4 4",
+        "TYPE F F F", "COUNT 1 1 1",
         f"WIDTH {len(points)}", "HEIGHT 1", "VIEWPOINT 0 0 0 1 0 0 0", f"POINTS {len(points)}", "DATA binary",
     )  # fmt: skip
     file.write(("\n".join(header) + "\n").encode("ascii"))
@@ -121,7 +126,11 @@ def _header(path: Path, found: dict[str, list[str]]) -> _Header:
     kinds = [TYPES.get(type_ + size) for type_, size in zip(types, sizes)]
     if None in kinds:
         wrong = kinds.index(None)
-        raise FileError(path, f"no numbers are of TYPE {types[wrong][:20]!r} and SIZE {sizes[wrong][:20]!r}", f"field {fields[wrong][:20]!r}")
+        raise FileError(
+            path,
+            f"no numbers are of TYPE {types[wrong][:20]!r} and SIZE {sizes[wrong][:20]!r}",
+            f"field {fields[wrong][:20]!r}",
+        )
     if any(fields.count(axis) > 1 or counts[fields.index(axis)] != 1 for axis in "xyz"):
         raise FileError(path, "needs the fields x, y and z once each, with one number", "FIELDS")
     shape = [whole(word, found.get(word, []), 10**12) for word in ("WIDTH", "HEIGHT", "POINTS")]
@@ -147,7 +156,9 @@ def _read_points(path: Path, header: _Header, body: bytes) -> Float[Array, "poin
         if values is None:
             raise FileError(path, "holds words that are no numbers behind its header")
         if len(values) < header.points * width:
-            raise FileError(path, f"declares {header.points} points of {width} numbers, holds {len(values)} numbers; it is cut off")
+            raise FileError(
+                path, f"declares {header.points} points of {width} numbers, holds {len(values)} numbers; it is cut off"
+            )
         table = values[: header.points * width].reshape(header.points, width)
         return np.ascontiguousarray(table[:, columns[places]])
     needed = header.points * header.row
@@ -156,10 +167,14 @@ def _read_points(path: Path, header: _Header, body: bytes) -> Float[Array, "poin
     if len(body) < needed:
         raise FileError(path, f"declares {header.points} points, {needed} bytes, and holds {len(body)}; it is cut off")
     if header.encoding == "binary_compressed":  # field after field
-        starts = np.cumsum((0, *(int(type_[1]) * count * header.points for type_, count in zip(header.types, header.counts))))
+        starts = np.cumsum(
+            (0, *(int(type_[1]) * count * header.points for type_, count in zip(header.types, header.counts)))
+        )
         axes = [np.frombuffer(body, "<" + header.types[k], header.points, int(starts[k])) for k in places]
     else:
-        row = np.dtype([(f"f{k}", "<" + type_, (count,)) for k, (type_, count) in enumerate(zip(header.types, header.counts))])
+        row = np.dtype(
+            [(f"f{k}", "<" + type_, (count,)) for k, (type_, count) in enumerate(zip(header.types, header.counts))]
+        )
         table = np.frombuffer(body, row, header.points)
         axes = [table[f"f{k}"][:, 0] for k in places]
     return np.stack(axes, axis=1).astype(np.float64)
@@ -181,8 +196,8 @@ def _unpacked(path: Path, body: bytes, needed: int) -> bytes:
 def lzf_unpacked(packed: bytes, size: int) -> bytes | None:
     """What LZF (Marc Lehmann's liblzf) stands for, or None where it does not stand for exactly `size` bytes.
 
-    A byte under 32 announces so many bytes, and one more, as they are; any other a repetition: three bits of its length, which
-    7 continues in a byte more, and thirteen bits of how far back it begins.
+    A byte under 32 announces so many bytes, and one more, as they are; any other a repetition: three bits of its
+    length, which 7 continues in a byte more, and thirteen bits of how far back it begins.
     """
     out, at, end = bytearray(), 0, len(packed)
     while at < end:

@@ -75,9 +75,12 @@ def read_ply(path: Path, file: BinaryIO, empty: bool = False) -> tuple[Mesh | Po
     return _mesh(path, vertices, found["vertex"], *polygons)
 
 
-def finite_cloud(path: Path, points: Float[Array, "points 3"], empty: bool = False) -> tuple[PointCloud, tuple[str, ...]]:
-    """The finite ones of a file's points, and what is to be said of them. Scanners mark pixels without depth by NaN, so those are no
-    fault of a cloud. Raises `FileError` where none is left, unless it may be `empty`, and for absurdly large ones."""
+def finite_cloud(
+    path: Path, points: Float[Array, "points 3"], empty: bool = False
+) -> tuple[PointCloud, tuple[str, ...]]:
+    """The finite ones of a file's points, and what is to be said of them. Scanners mark pixels without depth by NaN, so
+    those are no fault of a cloud. Raises `FileError` where none is left, unless it may be `empty`, and for absurdly
+    large ones."""
     seen = np.isfinite(points).all(axis=1)
     if not seen.any() and not empty:
         raise FileError(path, f"none of its {len(points)} points is finite")
@@ -354,6 +357,7 @@ def write_ply(file: BinaryIO, surface: Mesh | PointCloud) -> None:
 
 def write_points(file: BinaryIO, points: Float[Array, "points 3"]) -> None:
     """A cloud, binary, little endian, single precision: one frame of a capture."""
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *(f"property float {axis}" for axis in "xyz")]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    header += [f"property float {axis}" for axis in "xyz"]
     file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
     file.write(points.astype("<f4").tobytes())

@@ -1,4 +1,5 @@
-"""Captures as folders: one cloud, or one mesh with faces of its own, a file; no point corresponds to one of another frame."""
+"""Captures as folders: one cloud, or one mesh with faces of its own, a file; no point corresponds to one of another
+frame."""
 
 from __future__ import annotations
 
@@ -34,8 +35,8 @@ LARGEST = 1 << 31
 
 
 def frame_files(folder: Path) -> list[Path]:
-    """The files of a folder that are its frames, in no order: told by the suffix, archives by their arrays. An archive that cannot
-    be opened is a frame only among others."""
+    """The files of a folder that are its frames, in no order: told by the suffix, archives by their arrays. An archive
+    that cannot be opened is a frame only among others."""
     found, closed = [], []
     for file in folder.iterdir():
         if file.suffix.lower() not in FRAMES or file.name.startswith(".") or not file.is_file():
@@ -63,9 +64,9 @@ def read_frame(file: Path) -> Mesh | PointCloud:
 def load(path: Path, files: Sequence[Path]) -> Asset:
     """Read frames in the order given as one 'point sequence'.
 
-    Surfaces become `SAMPLES` points each, evenly by area. A file that cannot be read, and one without a finite point, is a frame
-    without points; notes name both. Raises `FileError` where more than half cannot be read, where no frame has a point, and for
-    more than fits into memory.
+    Surfaces become `SAMPLES` points each, evenly by area. A file that cannot be read, and one without a finite point,
+    is a frame without points; notes name both. Raises `FileError` where more than half cannot be read, where no frame
+    has a point, and for more than fits into memory.
     """
     clouds: list[Array] = []
     faults: dict[Path, RetargetError] = {}
@@ -112,7 +113,8 @@ def told_faults(faults: dict[Path, RetargetError], frames: int, what: str) -> li
 
 
 def save(path: str | Path, motion: PointMotion, suffix: str = ".ply") -> None:
-    """Write a folder with one binary PLY or PCD file a frame, named by number, single precision; it appears whole or not at all.
+    """Write a folder with one binary PLY or PCD file a frame, named by number, single precision; it appears whole or
+    not at all.
 
     Raises `FileError` for another suffix, where there is such a folder or file already, and where it cannot be written.
     """

@@ -20,7 +20,8 @@ STRAYS = 0.5
 
 
 def dots_row(label: str, clouds: Sequence[Array], captions: tuple[str, ...] = ()) -> Row:
-    """A row of a sheet with a cloud (points, 3) a frame. What strays far from all others is not drawn, an empty frame shows nothing.
+    """A row of a sheet with a cloud (points, 3) a frame. What strays far from all others is not drawn, an empty frame
+    shows nothing.
 
     Raises `RetargetError` where there is no frame.
     """
