@@ -84,6 +84,14 @@ def test_what_is_worn_follows_the_body_beneath(outfit, near):
     assert np.isfinite(posed).all()
 
 
+def test_long_hair_hangs_down_the_back():
+    worn = dressed(BODY, Outfit(hair=0.02, hair_length=0.35))
+    hair = worn.mesh.vertices[COUNT:]
+    ear = BODY.mesh.vertices[human_model().landmark("leftEar")]
+    assert hair[:, 1].min() == pytest.approx(ear[1] - 0.35 * SIZE, abs=0.01)
+    assert np.abs(hair[:, 0]).max() < 0.16 and hair[:, 2].max() < BODY.mesh.vertices[human_model().landmark("nose")][2]
+
+
 def test_shoes_stand_on_the_floor():
     worn = dressed(BODY, Outfit(shoes=0.015))
     assert worn.mesh.vertices[:, 1].min() == pytest.approx(BODY.mesh.vertices[:, 1].min())

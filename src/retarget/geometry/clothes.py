@@ -224,9 +224,12 @@ def _hanging_pieces(close: Surface, model: HumanModel, outfit: Outfit, size: flo
         found.append((_hanging(close.vertices[own], begin, end, (-np.pi, np.pi), ease, outfit.flare, size, draw), own))
     if outfit.hair and outfit.hair_length:
         ear = close.vertices[model.landmark("leftEar")]
-        own = np.flatnonzero(_parts(model, "head", "neck", "chest"))
-        end = ear[1] - outfit.hair_length * size
         middle = 0.5 * (ear + close.vertices[model.landmark("rightEar")])
+        narrow = (
+            np.abs(close.vertices[:, 0] - middle[0]) < 0.09 * size
+        )  # hair falls behind the shoulders, not over them
+        own = np.flatnonzero(_parts(model, "head", "neck") | (_parts(model, "chest") & narrow))
+        end = ear[1] - outfit.hair_length * size
         span = (0.55 * np.pi, 1.45 * np.pi)
         found.append(
             (_hanging(close.vertices[own], ear[1] + 0.03 * size, end, span, 0.005, 0.02, size, draw, middle), own)
