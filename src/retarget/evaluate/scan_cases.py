@@ -41,6 +41,8 @@ SECONDS = 3.0
 """Of every motion."""
 SCANNER = Scanner(points=POINTS, noise=0.004, holes=0.4, outliers=0.3, floor=True)
 """Four cameras that see noise, holes, strays and pieces of the floor."""
+CLEAN = Scanner(cameras=8, points=POINTS, noise=0.0, steps=0.0)
+"""All around and without faults: of clothed bodies, whose skin beneath the clothes nobody sees."""
 QUICK_CASES = 2
 """Of each kind in the quick run."""
 
@@ -89,9 +91,12 @@ def scan_case(kind: str, clothed: bool, body: int, number: int) -> ScanCase:
     performed, truth = (performed_by(each, shown) for each in (source, target))
     worn = dressed(source, seed=BENCH_BODIES[body]) if clothed else source
     name = f"{source.name}{', clothed' if clothed else ''}: {motion} to {target.name}"
-    surface, faces = skin_motion(worn, performed), worn.mesh.faces
-    make = scanned if kind == SCANNED else sampled
-    return ScanCase(kind, name, source, performed, target, truth, make(surface, faces, shown.fps, BENCH_BODIES[body]))
+    surface, faces, seed = skin_motion(worn, performed), worn.mesh.faces, BENCH_BODIES[body]
+    if kind == NAKED:
+        capture = sampled(surface, faces, shown.fps, seed)
+    else:
+        capture = scanned(SCANNER if kind == SCANNED else CLEAN, surface, faces, shown.fps, seed)
+    return ScanCase(kind, name, source, performed, target, truth, capture)
 
 
 @lru_cache(maxsize=16)
@@ -119,7 +124,9 @@ def sampled(surface: Float[Array, "frames vertices 3"], faces: Array, fps: float
     return PointMotion(clouds, fps)
 
 
-def scanned(surface: Float[Array, "frames vertices 3"], faces: Array, fps: float, seed: int) -> PointMotion:
-    """What `SCANNER` sees of it."""
-    studio = prepare_studio(SCANNER, surface, faces, seed)
+def scanned(
+    scanner: Scanner, surface: Float[Array, "frames vertices 3"], faces: Array, fps: float, seed: int
+) -> PointMotion:
+    """What a scanner sees of it."""
+    studio = prepare_studio(scanner, surface, faces, seed)
     return PointMotion(tuple(studio.scan(frame, faces, (seed, number)) for number, frame in enumerate(surface)), fps)
