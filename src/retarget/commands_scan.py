@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -190,7 +190,7 @@ def _output(name: str) -> Iterator[TextIO]:
 
 
 @contextmanager
-def _input(source: str) -> Iterator[BinaryIO]:
+def _input(source: str) -> Iterator[Any]:
     if source == "-":
         yield sys.stdin.buffer
         return

@@ -92,7 +92,8 @@ def cast_scan(
     hints, known = hints or Hints(), convention or Convention()
     regressor = regressor or own_regressor()
     tell("looking for the body")
-    seen = look_at(capture.clouds, regressor, hints.up or known.up, hints.unit or known.metres_per_unit)
+    unit = known.metres_per_unit if hints.unit is None else hints.unit
+    seen = look_at(capture.clouds, regressor, hints.up or known.up, unit)
     clouds = tuple(seen.space.points(cloud).astype(np.float32) for cloud in capture.clouds)
     followed = follow_clip(replace(capture, clouds=clouds), regressor, causal, tell)
     notes = (*seen.notes, *followed.notes)

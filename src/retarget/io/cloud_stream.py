@@ -4,7 +4,7 @@ of three float32 (x, y, z); all little-endian, nothing else in between."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import BinaryIO
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
@@ -22,7 +22,8 @@ AT_ONCE = 1 << 20
 class CloudStream:
     """Frames of a stream, read one by one. `cut_short` says, once it ended, that it did so within a frame."""
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: Any) -> None:
+        """`file` has a `read` that takes a number of bytes, like standard input's buffer."""
         self._file = file
         self.frames = 0
         """Whole frames read so far."""
