@@ -59,6 +59,10 @@ class Fit:
     """Share of the cloud within `NEAR` of the skin."""
     seen: float
     """Share of the skin that the cloud shows."""
+    shown: Bool[Array, "points"]
+    """Which of the first `SAID_BACK` points of the skin the cloud shows."""
+    astray: Bool[Array, "cloud"]
+    """Which points of the cloud are not within `NEAR` of the skin."""
 
 
 def relative_turns(body: ScanBody, turns: Float[Array, "joints 3 3"]) -> Float[Array, "joints 3 3"]:
@@ -106,6 +110,7 @@ def fit_cloud(
     count = len(body.parents)
     room = Room.of(body, len(cloud.points))
     shaped = shaped or body.shaped(state.shape)
+    information = np.zeros((0, 0))
     wide = 3 * count + 3 + (body.shapes if shaping else 0)
     for reach in reaches:
         posed = Posed.of(body, shaped, state)
@@ -183,9 +188,10 @@ def _judged(body: ScanBody, shaped: ShapedBody, state: BodyState, cloud: Bins, i
         posed.points, posed.normals, body.say, cloud.points, to_body, squares, to_cloud, back, NEAR,
         room.seen, room.weight, room.force,
     )  # fmt: skip
-    near = float((squares < NEAR**2).mean()) if len(squares) else 0.0
+    astray = squares >= NEAR**2
+    near = 1.0 - float(astray.mean()) if len(squares) else 0.0
     shown = room.seen & (back < NEAR**2)
-    return Fit(state, information, float(np.sqrt(along / max(total, 1e-9))), near, float(shown.mean()))
+    return Fit(state, information, float(np.sqrt(along / max(total, 1e-9))), near, float(shown.mean()), shown, astray)
 
 
 def _pull_across(

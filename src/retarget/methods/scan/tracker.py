@@ -20,6 +20,7 @@ from retarget.methods.scan.fit import (
     turn_matrices,
     world_turns,
 )
+from retarget.methods.scan.recover import limbs_shown, seen_elsewhere, sought_elsewhere, straightened
 from retarget.methods.scan.scan_body import BODY, ScanBody, ShapedBody, scan_body
 from retarget.methods.scan.starts import Regressor, Start, best_fit, guessed_starts, misfit, stances
 from retarget.methods.scan.usual import steadiness, usual_precision
@@ -44,10 +45,20 @@ GAIN = 0.8
 """Share of a surprise that is taken for a change of speed."""
 CALM = 0.95
 """Share of its speed that a body keeps from one frame to the next where nothing else is known."""
+LEAP = 0.7
+"""Radians of surprise beyond which a joint was found elsewhere rather than moved there."""
 ROOT_UNSTEADY = 0.02
 """Metres that the hips are off from what their speed foretells: one standard deviation."""
 PATIENCE = 5
 """Frames that may not be believed until the body is looked for again."""
+LOST = 0.5
+"""A limb of whose skin less than this share of the usual is shown may be elsewhere."""
+STRANGE = 0.02
+"""Share of the cloud that nothing explains, beyond twice the usual, at which limbs may be elsewhere."""
+USUAL = 0.1
+"""Share of a frame in what is usual."""
+LOOK = 15
+"""Good frames after which a regressor is asked whether limbs are elsewhere."""
 OUTLYING = 0.35
 """Metres around the body that was there before, beyond which points are not looked at."""
 
@@ -82,6 +93,10 @@ class Memory:
     shape_precision: Float[Array, "shapes shapes"]
     good: int = 0
     """Well fitted frames so far."""
+    shown: Float[Array, "limbs"] = field(default_factory=lambda: np.zeros(4))
+    """Share of each limb's skin that the cloud usually shows."""
+    astray: float = 0.0
+    """Share of the cloud that usually nothing explains."""
     held: int = 0
     """Frames in a row that were not believed."""
 
@@ -114,9 +129,26 @@ class Tracker:
         expected = self._foretold(body, memory)
         start = BodyState(memory.state.shape, world_turns(body, expected.turns), expected.root)
         fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, None if shaping else memory.shaped)
+        fit = self._doubted(body, memory, fit, near, expected)
         if misfit(fit) > ALMOST or fit.explained < 0.4:
             return self._hold(memory)
         return self._follow(body, memory, expected, fit, shaping)
+
+    def _doubted(self, body: ScanBody, memory: Memory, fit: Fit, points: Array, expected: Expected) -> Fit:
+        """The same fit, or a better one where limbs are no longer shown, or a regressor sees them elsewhere."""
+        doubted = limbs_shown(body, fit) < LOST * memory.shown
+        strange = 1.0 - fit.explained > 2.0 * memory.astray + STRANGE
+        looked = self.regressor is not None and memory.good % LOOK == LOOK - 1
+        shaped = memory.shaped if fit.state.shape is memory.state.shape else body.shaped(fit.state.shape)
+        fit = straightened(body, fit, shaped, points, expected)
+        if not (doubted.any() or strange or looked):
+            return fit
+        if self.regressor is not None:
+            fit = seen_elsewhere(body, fit, shaped, points, expected, self.regressor)
+        if doubted.any() or strange:
+            still = limbs_shown(body, fit) < (0.8 if strange else LOST) * memory.shown
+            fit = sought_elsewhere(body, fit, shaped, points, expected, still)
+        return fit
 
     def _foretold(self, body: ScanBody, memory: Memory) -> Expected:
         step = 30.0 / self.fps
@@ -130,12 +162,15 @@ class Tracker:
     def _follow(self, body: ScanBody, memory: Memory, expected: Expected, fit: Fit, shaping: bool) -> Tracked:
         surprise = rotation_vectors(np.matmul(relative_turns(body, fit.state.turns), expected.turns.transpose(0, 2, 1)))
         speed = CALM * memory.speed + GAIN * surprise
+        speed[np.linalg.norm(surprise, axis=1) > LEAP] = 0.0
         root_speed = CALM * memory.root_speed + GAIN * (fit.state.root - expected.root)
         precision = memory.shape_precision
-        if shaping:
+        if len(fit.information) > 3 * BODY + 3:
             precision = precision + SHAPE_GAIN * _shape_information(body, fit, expected)
         shaped = body.shaped(fit.state.shape) if shaping else memory.shaped
-        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, memory.good + 1)]
+        shown = memory.shown + USUAL * (limbs_shown(body, fit) - memory.shown)
+        astray = memory.astray + USUAL * (1.0 - fit.explained - memory.astray)
+        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, memory.good + 1, shown, astray)]
         return _told(fit, FOLLOWED)
 
     def _hold(self, memory: Memory) -> Tracked:
@@ -154,7 +189,8 @@ class Tracker:
         elif memory is not None:
             precision = memory.shape_precision
         shaped, still = body.shaped(state.shape), np.zeros((BODY, 3))
-        self.memory[:] = [Memory(state, shaped, still, np.zeros(3), precision, 0 if memory is None else memory.good)]
+        good, shown = 0 if memory is None else memory.good, limbs_shown(body, fit)
+        self.memory[:] = [Memory(state, shaped, still, np.zeros(3), precision, good, shown, 1.0 - fit.explained)]
         return _told(replace(fit, state=state), FOUND)
 
     def found(self, cloud: Float[Array, "points 3"]) -> Fit | None:

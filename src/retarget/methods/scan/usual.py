@@ -16,8 +16,8 @@ Array = np.ndarray
 SWINGS: dict[str, tuple[float, float, float]] = {
     # joint: standard deviations in radians about the bone, about the hinge, and about what is left
     "spine": (0.25, 0.25, 0.25), "chest": (0.2, 0.2, 0.2), "upperChest": (0.2, 0.2, 0.2), "neck": (0.3, 0.3, 0.3),
-    "head": (0.35, 0.35, 0.35), "Shoulder": (0.2, 0.2, 0.2), "UpperArm": (0.8, 1.2, 1.2), "LowerArm": (0.6, 1.5, 0.12),
-    "Hand": (0.4, 0.5, 0.4), "UpperLeg": (0.4, 1.2, 0.6), "LowerLeg": (0.15, 1.5, 0.08), "Foot": (0.25, 0.5, 0.3),
+    "head": (0.35, 0.35, 0.35), "Shoulder": (0.2, 0.2, 0.2), "UpperArm": (0.8, 1.2, 1.2), "LowerArm": (0.5, 1.5, 0.7),
+    "Hand": (0.4, 0.5, 0.5), "UpperLeg": (0.4, 1.2, 0.6), "LowerLeg": (0.2, 1.5, 0.12), "Foot": (0.3, 0.8, 0.35),
     "Toes": (0.1, 0.3, 0.1),
 }  # fmt: skip
 """Ours: wide where the points tell anyway. An elbow and a knee bend about one axis."""
