@@ -136,7 +136,7 @@ def fit_cloud(
             _pull_across(body, shaped, state, posed, room, cloud.points, to_body, reach, across, information, gradient)
         state = _step(body, state, information, gradient, expected, shaping)
         if shaping:
-            shaped = body.shaped(state.shape)
+            shaped = body.reshaped(shaped, state.shape)
     return _judged(body, shaped, state, cloud, information)
 
 

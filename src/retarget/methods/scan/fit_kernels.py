@@ -72,11 +72,14 @@ def nearest(queries, points, low, cell, dims, starts, order, rings, found, squar
     for q in range(len(queries)):
         best, at = np.inf, -1
         x, y, z = queries[q, 0], queries[q, 1], queries[q, 2]
+        wall = cell
         for axis in range(3):
-            middle[axis] = int(np.floor((queries[q, axis] - low[axis]) / cell))
+            place = (queries[q, axis] - low[axis]) / cell
+            middle[axis] = int(np.floor(place))
+            wall = min(wall, cell * (place - middle[axis]), cell * (middle[axis] + 1 - place))
         for ring in range(rings + 1):
-            reached = max(ring - 1, 0) * cell  # a point in this ring is no nearer than this
-            if best < np.inf and best <= reached * reached:
+            reached = (ring - 1) * cell + wall  # a point in this ring is no nearer than this
+            if ring > 0 and best <= reached * reached:
                 break
             for i in range(max(middle[0] - ring, 0), min(middle[0] + ring, dims[0] - 1) + 1):
                 for j in range(max(middle[1] - ring, 0), min(middle[1] + ring, dims[1] - 1) + 1):

@@ -54,6 +54,8 @@ class ScanBody:
     """One standard deviation of each coefficient."""
     chosen: Int[Array, "points"]
     """Vertices that a cloud is compared with, spread evenly."""
+    point_rest: Float[Array, "points 3"]
+    """These in the mean body."""
     point_columns: Int[Array, "points 4"]
     point_weights: Float[Array, "points 4"]
     joint_shapes: Float[Array, "joints 3 shapes"]
@@ -84,6 +86,10 @@ class ScanBody:
         normals = np.empty_like(vertices)
         turn_kernels.normals(vertices, self.faces, normals)
         return ShapedBody(vertices[self.chosen], normals[self.chosen], self.rest_joints(shape))
+
+    def reshaped(self, shaped: ShapedBody, shape: Float[Array, "shapes"]) -> ShapedBody:
+        """The chosen points in another shape near by, whose normals are taken to be the same."""
+        return ShapedBody(self.point_rest + self.point_basis @ shape, shaped.normals, self.rest_joints(shape))
 
     def character(self, shape: Float[Array, "shapes"], name: str = "the actor") -> Character:
         """The embedded human in that shape, all 52 joints of it, with its skin; it stands as `body.human.human` does."""
@@ -124,7 +130,7 @@ def scan_body() -> ScanBody:
     return ScanBody(
         model.parents[:BODY].copy(), vertices, model.faces, basis, regressor @ vertices,
         np.einsum("jv,kvx->kjx", regressor, basis), columns, weights,
-        np.concatenate([np.ones(len(components)), [SIZE_SPREAD]]), chosen, columns[chosen], weights[chosen],
+        np.concatenate([np.ones(len(components)), [SIZE_SPREAD]]), chosen, vertices[chosen], columns[chosen], weights[chosen],
         np.ascontiguousarray(np.einsum("jv,kvx->jxk", regressor, basis)),
         np.ascontiguousarray(basis[:, chosen].transpose(1, 2, 0)), 1.0 - (1.0 - FINGER_SAY) * fingers[chosen],
     )  # fmt: skip

@@ -128,7 +128,7 @@ class Tracker:
         shaping = self.shape is None and memory.good < self.settled
         expected = self._foretold(body, memory)
         start = BodyState(memory.state.shape, world_turns(body, expected.turns), expected.root)
-        fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, None if shaping else memory.shaped)
+        fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, memory.shaped)
         fit = self._doubted(body, memory, fit, near, expected)
         if misfit(fit) > ALMOST or fit.explained < 0.4:
             return self._hold(memory)
