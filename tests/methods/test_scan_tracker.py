@@ -166,5 +166,5 @@ def test_frames_that_show_nobody_lie_between_their_neighbours(walk):
     clip = follow_clip(PointMotion(tuple(clouds), 30.0), StandIn(walk, off=0.0, turned=0.05))
     assert clip.shown.tolist() == [frame not in (5, 6) for frame in range(FRAMES)]
     assert clip.notes == ("2 of 14 frames show nobody and are interpolated: 5 to 6",)
-    poses = [type("Frame", (), {"pose": clip.motion.pose(frame)}) for frame in range(FRAMES)]
-    assert errors(walk, poses, clip.character)[0] < 0.015
+    poses = [type("Frame", (), {"pose": clip.motion.pose(frame)}) for frame in (5, 6)]
+    assert errors(walk, poses, clip.character, [5, 6])[0] < 0.012
