@@ -111,7 +111,7 @@ def _between(
     """Every frame fitted once more, expected in the middle of its neighbours: what no speed foretells comes without lag."""
     shaped, turns, path = body.shaped(shape), relative.copy(), root.copy()
     precision = TIGHTER * steadiness() * (capture.fps / 30.0) ** 2
-    rigid = np.diag(body.spread**-2.0)
+    rigid = body.usual_shape
     for frame in np.flatnonzero(shown):
         before, after = max(frame - 1, 0), min(frame + 1, len(root) - 1)
         if before == frame or after == frame:

@@ -27,6 +27,8 @@ FAR = 0.25
 """Metres within which neighbours are looked for."""
 NEAR = 0.05
 """Metres within which a point of the cloud is explained."""
+COMMON, WILD = 2.0, 300.0
+"""Standard deviations within which the shapes of people lie, and how stiffly what lies beyond is drawn back."""
 LARGEST_TURN = 0.5
 """Radians in one step."""
 
@@ -240,6 +242,9 @@ def _step(
     if shaping:
         matrix[3 * count + 3 :, 3 * count + 3 :] += expected.shape_precision
         wanted[3 * count + 3 :] -= expected.shape_precision @ (state.shape - expected.shape)
+        wild = WILD * np.maximum((state.shape / (COMMON * body.spread)) ** 2 - 1.0, 0.0) / body.spread**2
+        matrix[3 * count + 3 :, 3 * count + 3 :] += np.diag(wild)
+        wanted[3 * count + 3 :] -= wild * state.shape
     matrix[np.diag_indices_from(matrix)] += 1e-3
     step = np.linalg.solve(matrix, wanted)
     step *= min(1.0, LARGEST_TURN / max(np.abs(step[: 3 * count]).max(), 1e-12))

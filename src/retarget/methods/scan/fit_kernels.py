@@ -12,6 +12,9 @@ from numba import njit
 
 OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "boundscheck": False}
 
+LOOSE = 0.6
+"""Share of the reach at which what lies outside the skin, as clothes and hair do, counts for half of what lies inside."""
+
 
 @njit(**OPTIONS)
 def voxel_means(points, low, cell, dims, out):
@@ -164,6 +167,8 @@ def gather(points, normals, say, cloud, to_body, to_body_squares, to_cloud, to_c
         for a in range(3):
             along += normals[v, a] * (cloud[q, a] - points[v, a])
         w = say[v] / (1.0 + to_body_squares[q] / (reach * reach)) ** 2
+        if along > 0.0:
+            w /= 1.0 + (along / (LOOSE * reach)) ** 2
         weight[v] += w
         force[v] += w * along
         total += w

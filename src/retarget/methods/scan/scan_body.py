@@ -27,6 +27,8 @@ POINTS = 3000
 """Points of the skin that a cloud is compared with, about 2 cm apart, so that any first ones are spread evenly too."""
 SIZE_SPREAD = 0.15
 """How far a body's size is expected to be off 1.7 m, as a share: one standard deviation."""
+HELD = 10.0
+"""How many times a standard deviation of a shape counts."""
 FINGER_SAY = 0.3
 """Weight of the skin of fingers, which lie in the cloud as they please."""
 
@@ -69,6 +71,11 @@ class ScanBody:
     def shapes(self) -> int:
         """How many coefficients there are."""
         return len(self.basis)
+
+    @property
+    def usual_shape(self) -> Float[Array, "shapes shapes"]:
+        """What a shape is worth, as a precision: `HELD` times that of people, since points of a cloud err together."""
+        return np.diag(HELD * self.spread**-2.0)
 
     def rest(self, shape: Float[Array, "shapes"]) -> Float[Array, "vertices 3"]:
         """Vertices at rest in a shape, metres."""

@@ -183,7 +183,7 @@ class Tracker:
         if fit is None or misfit(fit) > ENOUGH:
             return self._nobody(body, memory)
         shaping = self.shape is None and (memory is None or memory.good < self.settled)
-        state, precision = fit.state, np.diag(body.spread**-2.0)
+        state, precision = fit.state, body.usual_shape
         if not shaping:
             state = replace(state, shape=self.shape if self.shape is not None else memory.state.shape)
         elif memory is not None:
@@ -209,7 +209,7 @@ class Tracker:
 
     def _unknown(self, body: ScanBody, memory: Memory | None) -> Expected:
         """Nothing is expected but a body."""
-        shape, precision = np.zeros(body.shapes), np.diag(body.spread**-2.0)
+        shape, precision = np.zeros(body.shapes), body.usual_shape
         if self.shape is not None:
             shape, precision = self.shape, 1e6 * precision
         elif memory is not None:
