@@ -21,11 +21,9 @@ def train_network(name: str, folder: Path, data: Path | None, steps: int | None,
     if data is not None and not data.is_dir():
         raise RetargetError(f"--data {data} is no folder")
     try:
-        import onnx
-        import torch
-    except ImportError as error:
+        from retarget.train import skeleton_regressor, skinning_field
+    except ModuleNotFoundError as error:
         raise RetargetError(f"training needs {error.name}, which is not installed: pip install 'retarget[train]'") from None
-    from retarget.train import skeleton_regressor, skinning_field
     from retarget.train.loop import train
 
     module = {"skeleton-regressor": skeleton_regressor, "skinning-field": skinning_field}[name]
@@ -33,6 +31,6 @@ def train_network(name: str, folder: Path, data: Path | None, steps: int | None,
     settings = module.SETTINGS if steps is None else replace(module.SETTINGS, steps=steps)
     state = train(recipe, settings, folder)
     into = weights or folder / "weights"
-    told = {"steps": str(state.step), "seed": str(settings.seed), "made with": f"torch {torch.__version__}, onnx {onnx.__version__}"}
+    told = {"steps": str(state.step), "seed": str(settings.seed)}
     module.export(state.mean, into, told)
     return {"network": name, "steps": state.step, "processor seconds": round(state.seconds), "weights": str(into)}

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import onnx
+import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
@@ -55,7 +56,7 @@ class Graph:
         )  # fmt: skip
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="retarget")
         model.ir_version = 8
-        helper.set_model_props(model, dict(told))
+        helper.set_model_props(model, {**told, "made with": f"torch {torch.__version__}, onnx {onnx.__version__}"})
         onnx.checker.check_model(model)
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_suffix(".part")

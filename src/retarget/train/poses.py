@@ -123,7 +123,7 @@ def _make_up(poses: Poses, rotations: Float[Array, "count joints 4"], draw: np.r
     free = (sort >= MIXED + REACHING) & (sort < MIXED + REACHING + FREE)
     rotations[free, :22] = rot.from_rotation_vector(draw.normal(size=(free.sum(), 22, 3)) * _FREE[:, None])
     still = sort >= 1.0 - STILL
-    rotations[still] = _still(still.sum(), draw)
+    rotations[still] = still_poses(still.sum(), draw)
     wobble = draw.normal(size=(count, 22, 3)) * WOBBLE * np.where(still, 0.5, 1.0)[:, None, None]
     wobble[:, 0] *= 0.5
     rotations[:, :22] = rot.multiply(rotations[:, :22], rot.from_rotation_vector(wobble))
@@ -178,10 +178,12 @@ def _about(angles: Float[Array, "count"], axis: int) -> Float[Array, "count 4"]:
     return rot.from_rotation_vector(angles[:, None] * np.eye(3)[axis])
 
 
-def _still(count: int, draw: np.random.Generator) -> Float[Array, "count joints 4"]:
-    """T, A and arms down, legs a little apart or together."""
+def still_poses(
+    count: int, draw: np.random.Generator, lifts: tuple[float, ...] = (48.0, 20.0, 0.0, -20.0, -38.0)
+) -> Float[Array, "count joints 4"]:
+    """T, A and arms down (by how many degrees arms are lifted from the rest pose), legs a little apart or together."""
     rotations = np.tile(rot.IDENTITY, (count, 52, 1))
-    lift = draw.choice(np.radians([48.0, 20.0, 0.0, -20.0, -38.0]), size=count) + draw.normal(size=count) * np.radians(5.0)
+    lift = np.radians(draw.choice(lifts, size=count) + draw.normal(size=count) * 5.0)
     apart = draw.uniform(np.radians(-6.0), np.radians(16.0), count)
     straight = draw.uniform(0.0, 1.1, count)[:, None]
     for side, arm, leg in ((1.0, 7, 10), (-1.0, 15, 18)):

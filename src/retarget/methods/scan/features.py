@@ -33,7 +33,7 @@ SMALLEST, LARGEST = 0.25, 2.0
 """Sizes, of the usual one, that places are spread for."""
 PARENTS = np.array([-1, 0, 1, 2, 3, 4, 3, 6, 7, 8, 0, 10, 11, 12, 3, 14, 15, 16, 0, 18, 19, 20])
 """Of the joints, as in the embedded human."""
-_FIRST_CHILD = np.array([1, 2, 3, 4, 5, -1, 7, 8, 9, -1, 11, 12, 13, -1, 15, 16, 17, -1, 19, 20, 21, -1])
+FIRST_CHILD = np.array([1, 2, 3, 4, 5, -1, 7, 8, 9, -1, 11, 12, 13, -1, 15, 16, 17, -1, 19, 20, 21, -1])
 _ENDS = {5: (0.0, 0.2, 0.02), 9: (0.08, -0.1, 0.14), 17: (-0.08, -0.1, 0.14), 13: (0.0, -0.02, 0.08), 21: (0.0, -0.02, 0.08)}
 """Where bones without a child end, from their joint, in the embedded human's rest pose (metres)."""
 
@@ -133,9 +133,9 @@ def closer_look(clouds: Clouds, bodies: Bodies, whole: bool) -> Float[Array, "cl
 
 def _anchors(bodies: Bodies, size: Float[Array, "clouds 1 1"]) -> Float[Array, "clouds anchors 3"]:
     """The places around every joint, and around the middle of its bone."""
-    bones = size * np.matmul(bodies.turns, _ends()[..., None])[..., 0]
-    inner = _FIRST_CHILD >= 0
-    bones[:, inner] = bodies.places[:, _FIRST_CHILD[inner]] - bodies.places[:, inner]
+    bones = size * np.matmul(bodies.turns, bone_ends()[..., None])[..., 0]
+    inner = FIRST_CHILD >= 0
+    bones[:, inner] = bodies.places[:, FIRST_CHILD[inner]] - bodies.places[:, inner]
     spread = size[..., None] * np.matmul(_offsets(), bodies.turns.transpose(0, 1, 3, 2))
     spread += bodies.places[:, :, None]
     spread[:, :, 6:] += 0.5 * bones[:, :, None]
@@ -143,7 +143,7 @@ def _anchors(bodies: Bodies, size: Float[Array, "clouds 1 1"]) -> Float[Array, "
 
 
 @lru_cache(maxsize=1)
-def _ends() -> Float[Array, "joints 3"]:
+def bone_ends() -> Float[Array, "joints 3"]:
     ends = np.zeros((JOINTS, 3), dtype=np.float32)
     for joint, end in _ENDS.items():
         ends[joint] = end
