@@ -101,16 +101,16 @@ def train(recipe: Recipe, settings: Settings, folder: Path, stop: int | None = N
     state = State(network, copy.deepcopy(network).requires_grad_(False), optimizer)
     _resume(state, folder)
     last = settings.steps if stop is None else min(stop, settings.steps)
-    sums: dict[str, float] = {}
+    sums, counted = {}, 0
     spent, started = state.seconds, time.process_time()
     for batch in _batches(recipe, settings, state.step, last):
         for name, value in _step(recipe, settings, state, batch).items():
             sums[name] = sums.get(name, 0.0) + value
-        state.step += 1
+        state.step, counted = state.step + 1, counted + 1
         state.seconds = spent + time.process_time() - started
         if state.step % settings.every == 0 or state.step == last:
-            row = {name: value / settings.every for name, value in sums.items()}
-            sums = {}
+            row = {name: value / counted for name, value in sums.items()}
+            sums, counted = {}, 0
             if state.step % settings.checks == 0 or state.step == last:
                 row |= recipe.check(state.mean.eval())
             _record(folder, state, row)
