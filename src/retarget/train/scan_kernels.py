@@ -12,7 +12,7 @@ SEEN_CELL = 0.03
 """Metres between the sight lines of a virtual camera: as far apart as the samples of a body lie."""
 BEHIND = 0.04
 """Metres that a point may lie behind the foremost of its sight line and still be seen."""
-MANY = 40_000
+MANY = 30_000
 """Room for the points of a cloud, before it is thinned."""
 
 

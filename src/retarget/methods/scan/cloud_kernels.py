@@ -10,13 +10,15 @@ from retarget.contact.kernels import OPTIONS
 
 BLOCK = 5
 """Cells along the side of a block of neighbouring points."""
+SHIFT = 0.3719
+"""Of the cells, in cells: a body's plane of symmetry goes through the middle of the cloud, and must not fall between cells."""
 FURTHEST = 1 << 20
 """Cells from the origin beyond which points are put together."""
 
 
 @njit(**OPTIONS)
 def _cell(value, origin, size):
-    return np.int64(min(max(np.floor((value - origin) / size), -FURTHEST), FURTHEST - 1))
+    return np.int64(min(max(np.floor((value - origin) / size + SHIFT), -FURTHEST), FURTHEST - 1))
 
 
 @njit(**OPTIONS)
