@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from retarget.errors import RetargetError, unknown_name
 
-RECIPES = ("skeleton-regressor", "skinning-field")
+RECIPES: dict[str, str] = {
+    "skeleton-regressor": "skeleton_regressor",
+    "skinning-field": "skinning_field",
+    "paper-skr": "paper_regressor",
+    "paper-smrm": "paper_motion",
+    "paper-skin": "paper_skinning",
+}
+"""Modules of `train` by the names of their networks."""
 
 
 def train_network(name: str, folder: Path, data: Path | None, steps: int | None, weights: Path | None) -> dict[str, Any]:
@@ -21,16 +29,14 @@ def train_network(name: str, folder: Path, data: Path | None, steps: int | None,
     if data is not None and not data.is_dir():
         raise RetargetError(f"--data {data} is no folder")
     try:
-        from retarget.train import skeleton_regressor, skinning_field
+        from retarget.train.loop import train
+
+        module = importlib.import_module(f"retarget.train.{RECIPES[name]}")
     except ModuleNotFoundError as error:
         raise RetargetError(f"training needs {error.name}, which is not installed: pip install 'retarget[train]'") from None
-    from retarget.train.loop import train
-
-    module = {"skeleton-regressor": skeleton_regressor, "skinning-field": skinning_field}[name]
     recipe = module.recipe(data, folder / "cache")
     settings = module.SETTINGS if steps is None else replace(module.SETTINGS, steps=steps)
     state = train(recipe, settings, folder)
     into = weights or folder / "weights"
-    told = {"steps": str(state.step), "seed": str(settings.seed)}
-    module.export(state.mean, into, told)
+    module.export(state.mean, into, {"steps": str(state.step), "seed": str(settings.seed)})
     return {"network": name, "steps": state.step, "processor seconds": round(state.seconds), "weights": str(into)}

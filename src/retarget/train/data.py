@@ -158,9 +158,9 @@ def _look(own: Wardrobe, chosen: Int[Array, "count"], draw: np.random.Generator,
     def mostly(share: float) -> Array:
         return draw.random(count) < share
 
-    plain = mostly(0.3)
+    plain = mostly(0.22)
     troubles = {
-        "noise": ~plain & mostly(0.6), "holes": ~plain & mostly(0.35), "half": ~plain & mostly(0.4),
+        "noise": ~plain & mostly(0.6), "holes": ~plain & mostly(0.35), "half": ~plain & mostly(0.55),
         "cloth": ~plain & mostly(0.55), "sparse": mostly(0.25), "strays": ~plain & mostly(0.25),
     }  # fmt: skip
     if sort:
@@ -177,7 +177,7 @@ def _look(own: Wardrobe, chosen: Int[Array, "count"], draw: np.random.Generator,
     holes = np.where(troubles["holes"], draw.integers(1, 7, count), 0)
     noise = np.where(troubles["noise"], 0.01 if sort else np.abs(draw.normal(size=count)) * 0.008, 0.0)
     few = 500 if sort else np.exp(draw.uniform(np.log(400), np.log(3000), count))
-    many = SAMPLES if sort else draw.integers(3000, SAMPLES + 1, count)
+    many = SAMPLES if sort else draw.integers(2500, 6500, count)
     wanted = np.where(troubles["sparse"], few, many).astype(np.int64)
     strays = np.where(troubles["strays"], draw.uniform(0, STRAYS, count), 0.0)
     floor = np.where(troubles["strays"] & mostly(0.5), draw.integers(20, FLOOR, count), 0)
@@ -192,7 +192,7 @@ def _cameras(count: int, draw: np.random.Generator) -> tuple[Array, Array]:
     around, up = draw.uniform(0, 2 * np.pi, (count, 3)), draw.normal(size=(count, 3)) * 0.3
     flat = np.cos(up)
     directions = np.stack([flat * np.cos(around), np.sin(up), flat * np.sin(around)], axis=2)
-    return directions.astype(np.float32), draw.choice([1, 1, 1, 2, 3], size=count)
+    return directions.astype(np.float32), draw.choice([1, 1, 1, 1, 2, 3], size=count)
 
 
 def prepare_clouds(which: str, data: Path | None, cache: Path, seed: int = 0, bodies: int | None = None) -> CloudMaker:

@@ -62,3 +62,9 @@ class Graph:
         part = path.with_suffix(".part")
         part.write_bytes(model.SerializeToString(deterministic=True))
         part.rename(path)
+
+
+def save_reference(network: nn.Module, folder: Path, name: str, told: Mapping[str, str]) -> None:
+    """The weights of a network of `evaluate/reference`, which stays torch's own: `name.pt`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    torch.save({"weights": network.state_dict(), **told}, folder / f"{name}.pt")

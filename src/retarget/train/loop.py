@@ -47,7 +47,7 @@ class Settings:
     rough: float = 0.0
     """Share of the steps, the first ones, that multiply in bfloat16."""
     seed: int = 0
-    every: int = 250
+    every: int = 100
     """Steps between two lines of the log, with the state written."""
     checks: int = 1000
     """Steps between two looks at the validation set."""
@@ -119,11 +119,11 @@ def train(recipe: Recipe, settings: Settings, folder: Path, stop: int | None = N
 
 
 def _batches(recipe: Recipe, settings: Settings, first: int, last: int) -> Iterator[Any]:
-    """The batches from one number up to another, made ahead in a thread that gives way to others."""
+    """The batches from one number up to another, made ahead in a thread that gives way a little."""
 
     def give_way() -> None:
         if hasattr(os, "setpriority"):
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 2)
 
     with ThreadPoolExecutor(1, initializer=give_way) as maker:
         waiting: list[Future[Any]] = []

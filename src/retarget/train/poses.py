@@ -7,7 +7,7 @@ takes them. One in twelve is a T or an A, or stands with its arms down. All face
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from retarget.body import rotations as rot
 from retarget.body.human import human, human_model
-from retarget.character import Character
+from retarget.character import Character, Motion
 from retarget.errors import RetargetError
 from retarget.evaluate.scan_split import EMBEDDED, set_of_clip
 from retarget.io import load
@@ -67,20 +67,27 @@ def gather_poses(which: str, data: Path | None = None) -> Poses:
 
     Clips that cannot be put on the embedded human are left out, with a line in the log.
     """
-    clips = [embedded_motion(name).rotations for name in EMBEDDED[which]]
-    names = [f"embedded/{name}" for name in EMBEDDED[which]]
-    embedded = sum(map(len, clips))
+    motions = gather_motions(which, data)
+    numbers = np.repeat(np.arange(len(motions)), [len(motion) for motion in motions])
+    embedded = sum(len(motion) for motion in motions[: len(EMBEDDED[which])])
+    rotations = np.concatenate([motion.rotations for motion in motions]).astype(np.float32)
+    return Poses(rotations, numbers, embedded, tuple(motion.name for motion in motions))
+
+
+def gather_motions(which: str, data: Path | None = None) -> list[Motion]:
+    """The motions of a set on the embedded human's skeleton, the embedded ones first, 30 frames a second (nearly)."""
+    motions = [replace(embedded_motion(name), name=f"embedded/{name}") for name in EMBEDDED[which]]
     body = human()
     for path in _files(which, data):
         asset = load(path)
         for clip in asset.clips:
             try:
-                clips.append(_copied(asset, clip.name, body))
-                names.append(f"{path.parent.name}/{path.stem}/{clip.name}")
+                copied = _copied(asset, clip.name, body)
             except RetargetError as error:
                 log.warning("%s, clip %r: %s", path, clip.name, error)
-    numbers = np.repeat(np.arange(len(clips)), [len(clip) for clip in clips])
-    return Poses(np.concatenate(clips).astype(np.float32), numbers, embedded, tuple(names))
+                continue
+            motions.append(replace(copied, name=f"{path.parent.name}/{path.stem}/{clip.name}"))
+    return motions
 
 
 def _files(which: str, data: Path | None) -> list[Path]:
@@ -91,10 +98,11 @@ def _files(which: str, data: Path | None) -> list[Path]:
     return [path for path in found if path.stem not in TWICE and set_of_clip(path.parent.name, path.stem) == which]
 
 
-def _copied(asset: Asset, clip: str, body: Character) -> Float[Array, "frames joints 4"]:
-    """Local rotations of a clip, copied to the embedded human and thinned to 30 frames a second."""
+def _copied(asset: Asset, clip: str, body: Character) -> Motion:
+    """A clip, copied to the embedded human and thinned to 30 frames a second."""
     motion = retarget(asset, body, clip=clip, method="copy-rotations", foot_lock=False, steady=False).motion
-    return motion.rotations[:: max(1, round(motion.fps / FPS))]
+    step = max(1, round(motion.fps / FPS))
+    return replace(motion, rotations=motion.rotations[::step], translations=motion.translations[::step], fps=motion.fps / step)
 
 
 def drawn_poses(
