@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ def train_network(name: str, folder: Path, data: Path | None, steps: int | None,
     if data is not None and not data.is_dir():
         raise RetargetError(f"--data {data} is no folder")
     try:
+        from retarget.train import judge
         from retarget.train.loop import train
 
         module = importlib.import_module(f"retarget.train.{RECIPES[name]}")
@@ -39,4 +41,10 @@ def train_network(name: str, folder: Path, data: Path | None, steps: int | None,
     state = train(recipe, settings, folder)
     into = weights or folder / "weights"
     module.export(state.mean, into, {"steps": str(state.step), "seed": str(settings.seed)})
-    return {"network": name, "steps": state.step, "processor seconds": round(state.seconds), "weights": str(into)}
+    report = {"network": name, "steps": state.step, "processor seconds": round(state.seconds), "weights": str(into)}
+    if name == "skeleton-regressor":
+        report["test set"] = judge.judge_regressor(into, data, folder / "cache")
+    elif name == "skinning-field":
+        report["test set"] = judge.judge_field(into, folder / "cache")
+    (folder / "report.json").write_text(json.dumps(report, indent=1))
+    return report

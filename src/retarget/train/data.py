@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Integer
 
 from retarget.body import rotations as rot
 from retarget.body.human import human, human_model
@@ -47,9 +47,9 @@ class Wardrobe:
 
     rests: Float[Array, "bodies samples 3"]
     normals: Float[Array, "bodies samples 3"]
-    columns: Int[Array, "bodies samples influences"]
+    columns: Integer[Array, "bodies samples influences"]
     weights: Float[Array, "bodies samples influences"]
-    garments: Int[Array, "bodies samples"]
+    garments: Integer[Array, "bodies samples"]
     joints: Float[Array, "bodies joints 3"]
     heights: Float[Array, "bodies"]
 

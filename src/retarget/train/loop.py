@@ -123,7 +123,7 @@ def _batches(recipe: Recipe, settings: Settings, first: int, last: int) -> Itera
 
     def give_way() -> None:
         if hasattr(os, "setpriority"):
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 2)
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + 2)
 
     with ThreadPoolExecutor(1, initializer=give_way) as maker:
         waiting: list[Future[Any]] = []

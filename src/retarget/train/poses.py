@@ -125,13 +125,13 @@ def _make_up(poses: Poses, rotations: Float[Array, "count joints 4"], draw: np.r
     count = len(rotations)
     sort = draw.random(count)
     mixed = sort < MIXED
-    rotations[np.ix_(mixed, LEGS)] = _frames(poses, mixed.sum(), draw)[:, LEGS]
+    rotations[np.ix_(mixed, LEGS)] = _frames(poses, int(mixed.sum()), draw)[:, LEGS]
     reaching = (sort >= MIXED) & (sort < MIXED + REACHING)
-    rotations[np.ix_(reaching, ARMS)] = _arms(reaching.sum(), draw)
+    rotations[np.ix_(reaching, ARMS)] = _arms(int(reaching.sum()), draw)
     free = (sort >= MIXED + REACHING) & (sort < MIXED + REACHING + FREE)
     rotations[free, :22] = rot.from_rotation_vector(draw.normal(size=(free.sum(), 22, 3)) * _FREE[:, None])
     still = sort >= 1.0 - STILL
-    rotations[still] = still_poses(still.sum(), draw)
+    rotations[still] = still_poses(int(still.sum()), draw)
     wobble = draw.normal(size=(count, 22, 3)) * WOBBLE * np.where(still, 0.5, 1.0)[:, None, None]
     wobble[:, 0] *= 0.5
     rotations[:, :22] = rot.multiply(rotations[:, :22], rot.from_rotation_vector(wobble))
