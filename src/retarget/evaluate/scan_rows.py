@@ -23,6 +23,7 @@ from retarget.live import LiveRetargeter
 from retarget.methods import CopyRotations
 from retarget.methods.scan.regressor import load_regressor
 from retarget.methods.scan.scan_body import BODY, scan_body
+from retarget.methods.scan.tracker import ready
 from retarget.motion.align import Actor
 from retarget.motion.deformation_transfer import prepare_deformation_transfer
 from retarget.motion.joint_frames import prepare_frames
@@ -111,7 +112,7 @@ def _by_deformation(case: ScanCase) -> Shown:
 def regressed_motion(capture: PointMotion) -> tuple[Character, Motion]:
     """What the regressor says of every frame by itself, over an embedded human of the mean shape and the size it sees."""
     body, regressor = scan_body(), load_regressor()
-    found = [regressor(cloud) for cloud in capture.clouds]
+    found = [regressor(ready(cloud)) for cloud in capture.clouds]
     places = np.stack([each.places for each in found])
     child, above = np.arange(1, BODY), body.parents[1:]
     lengths = [np.linalg.norm(each[..., child, :] - each[..., above, :], axis=-1).sum(axis=-1) for each in (places, body.joints)]
