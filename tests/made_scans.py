@@ -66,13 +66,19 @@ class Guess:
 
 
 class StandIn:
-    """A regressor that knows the truth, and is as far off as a trained one: 20 mm and 12 degrees, turned about now and then."""
+    """A regressor that knows the truth, and is as far off as a trained one: 20 mm and 12 degrees, turned about now and then.
 
-    def __init__(self, made, seed=0, off=0.02, turned=0.2, flips=0.0):
-        self.made, self.rng, self.off, self.turned, self.flips, self.frame = made, np.random.default_rng(seed), off, turned, flips, 0
+    It knows a frame by where its points lie; `back` brings points to where the capture was made.
+    """
+
+    def __init__(self, made, seed=0, off=0.02, turned=0.2, flips=0.0, turn=rot.IDENTITY, move=(0.0, 0.0, 0.0)):
+        self.made, self.rng, self.off, self.turned, self.flips = made, np.random.default_rng(seed), off, turned, flips
+        self.turn, self.move = turn, np.array(move)
+        self.middles = np.array([cloud.mean(axis=0) if len(cloud) else np.full(3, np.inf) for cloud in made.clouds.clouds])
 
     def __call__(self, points):
-        frame = min(self.frame, len(self.made.turns) - 1)
+        own = rot.rotate(rot.inverse(self.turn), points - self.move)
+        frame = int(np.abs(self.middles - own.mean(axis=0)).sum(axis=1).argmin())
         places = self.made.places[frame, :22] + self.rng.normal(0, self.off / 1.6, (22, 3))
         turns = rot.multiply(rot.from_rotation_vector(self.rng.normal(0, self.turned / 1.6, (22, 3))), self.made.turns[frame, :22])
         names = self.made.character.skeleton.names[:22]
@@ -80,6 +86,4 @@ class StandIn:
             half = np.array([0.0, 1.0, 0.0, 0.0])
             swap = [names.index(("right" + n[4:]) if n.startswith("left") else ("left" + n[5:]) if n.startswith("right") else n) for n in names]
             places, turns = places[swap], rot.multiply(turns[swap], half)
-        return Guess(places, turns, names)
-
-
+        return Guess(rot.rotate(self.turn, places) + self.move, rot.multiply(self.turn, turns), names)

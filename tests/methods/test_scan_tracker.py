@@ -88,15 +88,7 @@ def test_equal_input_gives_equal_poses(walk, followed):
 
 def test_a_turned_and_moved_capture_gives_the_same_motion_there(walk, followed):
     yaw, move = rot.from_rotation_vector(np.array([0.0, 1.1, 0.0])), np.array([3.0, 0.2, -5.0])
-    guess = StandIn(walk)
-
-    class Turned:
-        def __call__(self, points):
-            seen = guess(points)
-            seen.places, seen.turns = rot.rotate(yaw, seen.places) + move, rot.multiply(yaw, seen.turns)
-            return seen
-
-    tracker = Tracker(Turned())
+    tracker = Tracker(StandIn(walk, turn=yaw, move=move))
     frames = [tracker.step(rot.rotate(yaw, cloud.astype(float)) + move) for cloud in walk.clouds.clouds[:6]]
     _, places = joints_of(frames, tracker.character())
     _, before = joints_of(followed[0][:6], followed[1].character())
@@ -132,7 +124,7 @@ def test_who_leaves_and_comes_back_elsewhere_is_found(walk):
     for _ in range(8):
         assert tracker.step(np.zeros((0, 3))).status == HELD
     move = np.array([0.0, 0.0, 2.0])
-    guess.made = replace(walk, places=walk.places + move)
+    guess.move = move
     again = [tracker.step(cloud + move) for cloud in walk.clouds.clouds[:2]]
     assert [each.status for each in again] == [FOUND, FOLLOWED]
     _, places = joints_of(again, tracker.character())

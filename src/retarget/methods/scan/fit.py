@@ -65,6 +65,8 @@ class Fit:
     """Which of the first `SAID_BACK` points of the skin the cloud shows."""
     astray: Bool[Array, "cloud"]
     """Which points of the cloud are not within `NEAR` of the skin."""
+    strain: float
+    """Standard deviations, all joints taken together, that the pose is away from rest (`usual`)."""
 
 
 def relative_turns(body: ScanBody, turns: Float[Array, "joints 3 3"]) -> Float[Array, "joints 3 3"]:
@@ -139,7 +141,7 @@ def fit_cloud(
         state = _step(body, state, information, gradient, expected, shaping)
         if shaping:
             shaped = body.reshaped(shaped, state.shape)
-    return _judged(body, shaped, state, cloud, information)
+    return _judged(body, shaped, state, cloud, information, expected)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +182,14 @@ class Posed:
         return cls(points, normals, joints, offsets)
 
 
-def _judged(body: ScanBody, shaped: ShapedBody, state: BodyState, cloud: Bins, information: Array) -> Fit:
+def _strain(body: ScanBody, state: BodyState, expected: Expected) -> float:
+    beside = rotation_vectors(relative_turns(body, state.turns))
+    return float(np.sqrt(np.einsum("ja,jab,jb->", beside, expected.usual_precision, beside)))
+
+
+def _judged(
+    body: ScanBody, shaped: ShapedBody, state: BodyState, cloud: Bins, information: Array, expected: Expected
+) -> Fit:
     import retarget.methods.scan.fit_kernels as kernels
 
     posed, room = Posed.of(body, shaped, state), Room.of(body, len(cloud.points))
@@ -193,7 +202,7 @@ def _judged(body: ScanBody, shaped: ShapedBody, state: BodyState, cloud: Bins, i
     astray = squares >= NEAR**2
     near = 1.0 - float(astray.mean()) if len(squares) else 0.0
     shown = room.seen & (back < NEAR**2)
-    return Fit(state, information, float(np.sqrt(along / max(total, 1e-9))), near, float(shown.mean()), shown, astray)
+    return Fit(state, information, float(np.sqrt(along / max(total, 1e-9))), near, float(shown.mean()), shown, astray, _strain(body, state, expected))
 
 
 def _pull_across(

@@ -6,7 +6,7 @@ left behind. It shows: its skin is no longer met by the cloud. Such limbs are tr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -18,7 +18,7 @@ from retarget.body.human import human_model
 from retarget.methods.scan.cloud import binned
 from retarget.methods.scan.fit import SAID_BACK, Expected, Fit, fit_cloud, relative_turns, rotation_vectors
 from retarget.methods.scan.scan_body import BODY, ScanBody, ShapedBody
-from retarget.methods.scan.starts import Regressor, guessed_starts, misfit
+from retarget.methods.scan.starts import Start, misfit
 from retarget.rig.fit_model import BodyState
 
 Array = np.ndarray
@@ -28,14 +28,17 @@ LIMBS = tuple(
     for side in ("left", "right")
     for parts in (("UpperArm", "LowerArm", "Hand"), ("UpperLeg", "LowerLeg", "Foot", "Toes"))
 )
-REACHES = (0.15, 0.12, 0.1, 0.08, 0.06, 0.045, 0.035)
+REACHES = (0.15, 0.1, 0.08, 0.06, 0.045, 0.035)
 """Metres: reaches of the rounds in which a limb is sought elsewhere."""
 FEWEST = 8
 """Points that nothing explains, of a thinned cloud, which a limb may have left behind."""
 ELSEWHERE = 0.1
 """Metres between a joint and where a regressor sees it beyond which its limb is tried there."""
-BETTER, TURNED = 0.95, 0.9
-"""Share of the misfit at which a limb is taken to be elsewhere, and a whole body to look the other way."""
+BETTER, TURNED, ABOUT = 0.95, 0.85, 0.65
+"""Share of the misfit at which a limb is taken to be elsewhere, at which a whole body is, and at which it is turned about."""
+POOR = 0.018
+"""Metres of misfit beyond which all of the body may be elsewhere: bodies that are followed well stay below, those that look the
+wrong way do not."""
 
 UNLIKELY = 4.0
 """Standard deviations of a hand's or a foot's turn at which another is tried."""
@@ -71,18 +74,20 @@ def sought_elsewhere(
 
 
 def seen_elsewhere(
-    body: ScanBody, fit: Fit, shaped: ShapedBody, points: Float[Array, "points 3"], expected: Expected, regressor: Regressor
-) -> Fit:
-    """The fit with limbs, or all of the body, where a regressor sees them, if they fit better there."""
-    starts = [start.state for start in guessed_starts(body, regressor(points))]
-    facing = [start.turns[0] @ [0, 0, 1] @ (fit.state.turns[0] @ [0, 0, 1]) for start in starts]
-    guess = starts[int(np.argmax(facing))]
-    if facing[0] < 0:
+    body: ScanBody, fit: Fit, shaped: ShapedBody, points: Float[Array, "points 3"], expected: Expected, starts: Sequence[Start],
+    sure: bool,
+) -> Fit:  # fmt: skip
+    """The fit with limbs, or all of the body, where a regressor sees them (`starts.guessed_starts`), if they fit better there.
+
+    `sure` says that the body was followed well before: then all of it is not given up for little."""
+    guess = alike(starts, fit.state)
+    if misfit(fit) > POOR:
         free = replace(expected, turn_precision=0 * expected.turn_precision, root_precision=0.0)
-        turned = replace(starts[0], shape=fit.state.shape)
-        other = fit_cloud(body, turned, binned(points), free, REACHES, False, shaped, across=0.1)
-        if misfit(other) < TURNED * misfit(fit):
-            return other
+        for start in starts:
+            other = fit_cloud(body, replace(start.state, shape=fit.state.shape), binned(points), free, REACHES, False, shaped, across=0.1)
+            about = float(np.trace(other.state.turns[0] @ fit.state.turns[0].T)) < 1.0  # by more than a quarter
+            if misfit(other) < (BETTER if not sure else ABOUT if about else TURNED) * misfit(fit):
+                fit = other
     own, there = (joints_of(body, shaped, state) for state in (fit.state, guess))
     for joints in limb_joints():
         away = np.linalg.norm((own[joints] - own[joints[0]]) - (there[joints] - there[joints[0]]), axis=1)
@@ -91,6 +96,11 @@ def seen_elsewhere(
             turns[joints] = guess.turns[joints]
             fit = _tried(body, fit, replace(fit.state, turns=turns), shaped, points, expected, joints)
     return fit
+
+
+def alike(starts: Sequence[Start], state: BodyState) -> BodyState:
+    """The start whose hips face as those of a state do, as nearly as any."""
+    return min(starts, key=lambda start: float(((start.state.turns[0] - state.turns[0]) ** 2).sum())).state
 
 
 def straightened(

@@ -26,6 +26,9 @@ ROUGH = (0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.12, 0.1, 0.08, 0.06)
 """Reaches (metres) from a start that may be far off."""
 FINE = (0.1, 0.1, 0.08, 0.06, 0.05, 0.05, 0.04, 0.04)
 """Reaches (metres) from a regressor's guess, and to finish with."""
+SUPPLE, STRAINED = 4.0, 0.001
+"""Standard deviations of a pose's strain that people come to (1.5 to 3 walking and running, 5 dancing; bodies laid in the wrong way
+round come to 6 to 10), and metres of misfit for each beyond."""
 YAWS = 8
 ARMS = (0.0, 45.0, -35.0)
 """Degrees that the arms of a stance are lifted above the rest pose's."""
@@ -69,8 +72,10 @@ class Start:
 
 
 def misfit(fit: Fit) -> float:
-    """What fits are compared by, metres: distance of what is explained, the cloud that is not, and skin that is not shown."""
-    return float(np.hypot(fit.distance, 0.06 * np.sqrt(max(1.0 - fit.explained, 0.0))) + 0.02 * (1.0 - fit.seen))
+    """What fits are compared by, metres: distance of what is explained, the cloud that is not, skin that is not shown, and joints
+    that are turned as they hardly turn, as those of a body laid in the wrong way round are."""
+    away = float(np.hypot(fit.distance, 0.06 * np.sqrt(max(1.0 - fit.explained, 0.0))))
+    return away + 0.02 * (1.0 - fit.seen) + STRAINED * max(fit.strain - SUPPLE, 0.0)
 
 
 def guessed_starts(body: ScanBody, guess: Guess) -> Iterator[Start]:

@@ -20,7 +20,7 @@ from retarget.methods.scan.fit import (
     turn_matrices,
     world_turns,
 )
-from retarget.methods.scan.recover import limbs_shown, seen_elsewhere, sought_elsewhere, straightened
+from retarget.methods.scan.recover import POOR, alike, limbs_shown, seen_elsewhere, sought_elsewhere, straightened
 from retarget.methods.scan.scan_body import BODY, ScanBody, ShapedBody, scan_body
 from retarget.methods.scan.starts import Regressor, Start, best_fit, guessed_starts, misfit, stances
 from retarget.methods.scan.usual import steadiness, usual_precision
@@ -57,8 +57,15 @@ STRANGE = 0.02
 """Share of the cloud that nothing explains, beyond twice the usual, at which limbs may be elsewhere."""
 USUAL = 0.1
 """Share of a frame in what is usual."""
-LOOK = 15
-"""Good frames after which a regressor is asked whether limbs are elsewhere."""
+GUESSED = 0.3
+"""Radians that a regressor's turns are off: one standard deviation. It is little against what the cloud shows, and decides for
+what it does not show."""
+SURE = 5
+"""Frames that fitted as right ones do, after which all of the body is not given up for little."""
+LOOK = 3
+"""Frames after which limbs are tried where a regressor sees them, though nothing seems amiss."""
+DISMISSED = 0.8
+"""Radians between a regressor's turn and what the frame before foretells at which the regressor counts for half."""
 OUTLYING = 0.35
 """Metres around the body that was there before, beyond which points are not looked at."""
 
@@ -97,6 +104,8 @@ class Memory:
     """Share of each limb's skin that the cloud usually shows."""
     astray: float = 0.0
     """Share of the cloud that usually nothing explains."""
+    well: int = 0
+    """Frames since the body was found that fitted as right ones do."""
     held: int = 0
     """Frames in a row that were not believed."""
 
@@ -126,25 +135,26 @@ class Tracker:
         if len(near) < FEWEST:
             return self._hold(memory)
         shaping = self.shape is None and memory.good < self.settled
-        expected = self._foretold(body, memory)
-        start = BodyState(memory.state.shape, world_turns(body, expected.turns), expected.root)
+        foretold = self._foretold(body, memory)
+        start = BodyState(memory.state.shape, world_turns(body, foretold.turns), foretold.root)
+        guesses = [] if self.regressor is None else list(guessed_starts(body, self.regressor(near)))
+        expected = _told(body, foretold, alike(guesses, start)) if guesses else foretold
         fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, memory.shaped)
-        fit = self._doubted(body, memory, fit, near, expected)
+        fit = self._doubted(body, memory, fit, near, expected, guesses)
         if misfit(fit) > ALMOST or fit.explained < 0.4:
             return self._hold(memory)
-        return self._follow(body, memory, expected, fit, shaping)
+        return self._follow(body, memory, foretold, fit)
 
-    def _doubted(self, body: ScanBody, memory: Memory, fit: Fit, points: Array, expected: Expected) -> Fit:
+    def _doubted(self, body: ScanBody, memory: Memory, fit: Fit, points: Array, expected: Expected, guesses: list[Start]) -> Fit:
         """The same fit, or a better one where limbs are no longer shown, or a regressor sees them elsewhere."""
         doubted = limbs_shown(body, fit) < LOST * memory.shown
         strange = 1.0 - fit.explained > 2.0 * memory.astray + STRANGE
-        looked = self.regressor is not None and memory.good % LOOK == LOOK - 1
         shaped = memory.shaped if fit.state.shape is memory.state.shape else body.shaped(fit.state.shape)
-        fit = straightened(body, fit, shaped, points, expected)
-        if not (doubted.any() or strange or looked):
+        if not (doubted.any() or strange or memory.good % LOOK == 1):
             return fit
-        if self.regressor is not None:
-            fit = seen_elsewhere(body, fit, shaped, points, expected, self.regressor)
+        fit = straightened(body, fit, shaped, points, expected)
+        if guesses:
+            fit = seen_elsewhere(body, fit, shaped, points, expected, guesses, memory.well > SURE)
         if doubted.any() or strange:
             still = limbs_shown(body, fit) < (0.8 if strange else LOST) * memory.shown
             fit = sought_elsewhere(body, fit, shaped, points, expected, still)
@@ -159,19 +169,21 @@ class Tracker:
             (ROOT_UNSTEADY * step) ** -2, memory.state.shape, memory.shape_precision,
         )  # fmt: skip
 
-    def _follow(self, body: ScanBody, memory: Memory, expected: Expected, fit: Fit, shaping: bool) -> Tracked:
-        surprise = rotation_vectors(np.matmul(relative_turns(body, fit.state.turns), expected.turns.transpose(0, 2, 1)))
+    def _follow(self, body: ScanBody, memory: Memory, foretold: Expected, fit: Fit) -> Tracked:
+        surprise = rotation_vectors(np.matmul(relative_turns(body, fit.state.turns), foretold.turns.transpose(0, 2, 1)))
         speed = CALM * memory.speed + GAIN * surprise
         speed[np.linalg.norm(surprise, axis=1) > LEAP] = 0.0
-        root_speed = CALM * memory.root_speed + GAIN * (fit.state.root - expected.root)
+        root_speed = CALM * memory.root_speed + GAIN * (fit.state.root - foretold.root)
         precision = memory.shape_precision
         if len(fit.information) > 3 * BODY + 3:
-            precision = precision + SHAPE_GAIN * _shape_information(body, fit, expected)
-        shaped = body.shaped(fit.state.shape) if shaping else memory.shaped
+            precision = precision + SHAPE_GAIN * _shape_information(body, fit, foretold)
+        known = np.array_equal(fit.state.shape, memory.state.shape)
+        shaped = memory.shaped if known else body.shaped(fit.state.shape)
         shown = memory.shown + USUAL * (limbs_shown(body, fit) - memory.shown)
         astray = memory.astray + USUAL * (1.0 - fit.explained - memory.astray)
-        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, memory.good + 1, shown, astray)]
-        return _told(fit, FOLLOWED)
+        well = memory.well + (misfit(fit) < POOR)
+        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, memory.good + 1, shown, astray, well)]
+        return _seen(fit, FOLLOWED)
 
     def _hold(self, memory: Memory) -> Tracked:
         still = replace(memory, speed=0 * memory.speed, root_speed=0 * memory.root_speed, held=memory.held + 1)
@@ -191,7 +203,7 @@ class Tracker:
         shaped, still = body.shaped(state.shape), np.zeros((BODY, 3))
         good, shown = 0 if memory is None else memory.good, limbs_shown(body, fit)
         self.memory[:] = [Memory(state, shaped, still, np.zeros(3), precision, good, shown, 1.0 - fit.explained)]
-        return _told(replace(fit, state=state), FOUND)
+        return _seen(replace(fit, state=state), FOUND)
 
     def found(self, cloud: Float[Array, "points 3"]) -> Fit | None:
         """The body where it fits best, whatever was before, in a cloud that `ready` made; None where points are too few."""
@@ -200,12 +212,13 @@ class Tracker:
             cloud = cloud[pieces(cloud) == 0]
         if len(cloud) < FEWEST:
             return None
-        return best_fit(body, self._starts(body, cloud), cloud, self._unknown(body, self.memory[0] if self.memory else None))
-
-    def _starts(self, body: ScanBody, cloud: Array) -> list[Start]:
-        if self.regressor is None:
-            return list(stances(body, cloud))
-        return list(guessed_starts(body, self.regressor(cloud)))
+        unknown = self._unknown(body, self.memory[0] if self.memory else None)
+        fits = []
+        if self.regressor is not None:
+            fits = [best_fit(body, guessed_starts(body, self.regressor(cloud)), cloud, unknown)]
+        if not fits or misfit(fits[0]) > POOR:
+            fits.append(best_fit(body, stances(body, cloud), cloud, unknown))
+        return min(fits, key=misfit)
 
     def _unknown(self, body: ScanBody, memory: Memory | None) -> Expected:
         """Nothing is expected but a body."""
@@ -241,9 +254,19 @@ def pose_of(state: BodyState) -> Pose:
     return Pose(rotations, state.root[None])
 
 
-def _told(fit: Fit, status: str) -> Tracked:
+def _seen(fit: Fit, status: str) -> Tracked:
     confidence = float(np.clip((ALMOST - misfit(fit)) / (ALMOST - 0.01), 0.0, 1.0))
     return Tracked(pose_of(fit.state), fit.state.shape, fit.state, status, confidence, fit.distance)
+
+
+def _told(body: ScanBody, foretold: Expected, guess: BodyState) -> Expected:
+    """What is foretold together with a regressor's guess: between both, by their precisions."""
+    apart = rotation_vectors(np.matmul(relative_turns(body, guess.turns), foretold.turns.transpose(0, 2, 1)))
+    angle = np.linalg.norm(apart, axis=1)
+    precision = GUESSED**-2 / (1.0 + (angle / DISMISSED) ** 2)
+    share = precision / (precision + foretold.turn_precision)
+    turns = np.matmul(turn_matrices(apart * share[:, None]), foretold.turns)
+    return replace(foretold, turns=turns, turn_precision=precision + foretold.turn_precision)
 
 
 def around(cloud: Float[Array, "points 3"], memory: Memory) -> Array:
