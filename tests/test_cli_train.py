@@ -1,0 +1,82 @@
+"""`retarget train`: each recipe from nothing to a file that is used, on few bodies and steps; and what it refuses."""
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from retarget.commands_train import RECIPES
+from retarget.evaluate import scan_split
+
+
+@pytest.fixture
+def few(monkeypatch):
+    pytest.importorskip("torch")
+    pytest.importorskip("onnx")
+    import importlib
+
+    from retarget.train import judge
+
+    for which, first in ((scan_split.TRAINING, 0), (scan_split.VALIDATION, 8000), (scan_split.TEST, 9000)):
+        monkeypatch.setitem(scan_split.BODY_SEEDS, which, (first, first + 1))
+    monkeypatch.setattr(judge, "CLOUDS", 6)
+    for name in RECIPES.values():
+        module = importlib.import_module(f"retarget.train.{name}")
+        monkeypatch.setattr(module, "SETTINGS", replace(module.SETTINGS, batch=4, checks=1000))
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_every_recipe_learns_and_writes(name, few, command, tmp_path):
+    code, out, err = command("train", name, "-o", tmp_path, "--steps", 3, "--json")
+    assert code == 0, err
+    report = json.loads(out)
+    assert report["steps"] == 3
+    steps = {line.split(",")[0] for line in (tmp_path / "log.csv").read_text().splitlines()}
+    assert steps == {"3"}
+    assert list((tmp_path / "weights").iterdir())
+    if not name.startswith("paper"):
+        assert all(np.isfinite(value) for value in report["test set"].values())
+        assert json.loads((tmp_path / "report.json").read_text()) == report
+
+
+def test_what_was_exported_is_what_was_learnt(few, tmp_path):
+    """ONNX in half precision against the network itself."""
+    import torch
+
+    from retarget.methods.scan.features import closer_look, first_look
+    from retarget.methods.scan.regressor import load_regressor
+    from retarget.train import skeleton_regressor as recipe
+
+    torch.manual_seed(0)
+    network = recipe.SkeletonRegressor().eval()
+    recipe.export(network, tmp_path, {"steps": "0"})
+    regressor = load_regressor(tmp_path)
+    clouds, truth = recipe.recipe(None, tmp_path).maker.batch(0, 4)
+    seen = [first_look(clouds), closer_look(clouds, truth, True), closer_look(clouds, truth, False)]
+    for features, look, session in zip(seen, network.looks, regressor.looks):
+        (out,) = session.run(None, {"features": features})
+        assert np.abs(out - look(torch.from_numpy(features)).detach().numpy()).max() < 5e-3
+    found, doubts = regressor.find(clouds)
+    with torch.no_grad():
+        places, turns, expected = network(clouds)[-1]
+    assert np.abs(found.places - places.numpy()).max() < 0.03
+    assert np.abs(found.turns - turns.numpy()).max() < 0.03
+    assert np.abs(doubts - expected.numpy()).max() < 0.01
+
+
+def test_without_torch_one_line_names_the_extra(command, monkeypatch, tmp_path):
+    for name in [name for name in sys.modules if name.startswith("retarget.train")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    code, out, err = command("train", "skinning-field", "-o", tmp_path)
+    assert code == 2 and not out
+    assert err == "retarget: training needs torch, which is not installed: pip install 'retarget[train]'\n"
+
+
+def test_unknown_networks_and_missing_data_are_refused(command, tmp_path):
+    code, _, err = command("train", "skining-field", "-o", tmp_path)
+    assert code == 2 and "nearest: 'skinning-field'" in err
+    code, _, err = command("train", "skinning-field", "-o", tmp_path, "--data", tmp_path / "nowhere")
+    assert code == 2 and "nowhere is no folder" in err
