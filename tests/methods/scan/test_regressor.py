@@ -149,7 +149,7 @@ def test_damaged_weights_are_refused(folder, damage):
 def test_other_versions_and_networks_are_refused(folder, was, told, message):
     path = folder / module.FILES[2]
     whole = path.read_bytes()
-    assert whole.count(was) == 1, "the file says it once, among its properties"
+    assert was in whole
     path.write_bytes(whole.replace(was, told))
     with pytest.raises(FileError, match=message):
         load_regressor(folder)
