@@ -21,6 +21,8 @@ FLOOR_BAND, FLOOR_ABOVE, FLOOR_CELL = 0.03, 0.15, 0.06
 """Metres: what lies so near to the lowest points, with nothing above it within so much, in columns of this side, is floor."""
 FLOOR_WIDE = 1.0
 """Metres: the lowest band of a body alone is not so wide, unless it lies."""
+FLOOR_SHARE = 0.07
+"""Share of the points in the lowest band from which some are floor, however wide it is: feet alone come to .04."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +77,13 @@ def thinned(points: Shaped[Array, "points 3"], most: int = MOST) -> Float[Array,
     dims = ((high - low) / CELL).astype(np.int64) + 1
     means = np.empty((len(points), 3))
     count = kernels.voxel_means(points, low, CELL, dims, means)
-    if count > most:
-        return means[(np.arange(most) * count) // most]
-    return means[:count]
+    return fewer(means[:count], most)
+
+
+def fewer(points: Float[Array, "points 3"], most: int = MOST) -> Float[Array, "fewer 3"]:
+    """At most so many of the points, evenly chosen."""
+    count = len(points)
+    return points if count <= most else points[(np.arange(most) * count) // most]
 
 
 def without_floor(points: Float[Array, "points 3"]) -> Float[Array, "kept 3"]:
@@ -87,7 +93,7 @@ def without_floor(points: Float[Array, "points 3"]) -> Float[Array, "kept 3"]:
     lowest = np.partition(points[:, 1], 4)[4]
     band = points[:, 1] < lowest + FLOOR_BAND
     flat = points[band][:, [0, 2]]
-    if (np.ptp(flat, axis=0) < FLOOR_WIDE).all():
+    if (np.ptp(flat, axis=0) < FLOOR_WIDE).all() and band.mean() < FLOOR_SHARE:
         return points
     above = points[(points[:, 1] >= lowest + FLOOR_BAND) & (points[:, 1] < lowest + FLOOR_ABOVE)][:, [0, 2]]
     low = flat.min(axis=0) - 2 * FLOOR_CELL

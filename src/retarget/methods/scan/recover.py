@@ -34,6 +34,8 @@ FEWEST = 8
 """Points that nothing explains, of a thinned cloud, which a limb may have left behind."""
 ELSEWHERE = 0.1
 """Metres between a joint and where a regressor sees it beyond which its limb is tried there."""
+AT_ONCE = 2
+"""Limbs that are tried in one frame, those first that lie farthest from where a regressor sees them."""
 BETTER, TURNED, ABOUT = 0.95, 0.85, 0.65
 """Share of the misfit at which a limb is taken to be elsewhere, at which a whole body is, and at which it is turned about."""
 POOR = 0.018
@@ -42,8 +44,10 @@ wrong way do not."""
 
 UNLIKELY = 4.0
 """Standard deviations of a hand's or a foot's turn at which another is tried."""
-NO_WORSE = 1.01
-"""Share of the misfit at which a likely turn is taken instead."""
+NO_WORSE = 1.02
+"""Share of the misfit at which a likely turn is taken instead, or a limb that the cloud hardly shows is where a regressor sees it."""
+HIDDEN = 0.3
+"""A limb of whose skin less than this share is shown is hidden."""
 
 
 @lru_cache(maxsize=1)
@@ -80,27 +84,28 @@ def seen_elsewhere(
     """The fit with limbs, or all of the body, where a regressor sees them (`starts.guessed_starts`), if they fit better there.
 
     `sure` says that the body was followed well before: then all of it is not given up for little."""
-    guess = alike(starts, fit.state)
+    guess = alike(starts, fit.state).state
     if misfit(fit) > POOR:
         free = replace(expected, turn_precision=0 * expected.turn_precision, root_precision=0.0)
         for start in starts:
-            other = fit_cloud(body, replace(start.state, shape=fit.state.shape), binned(points), free, REACHES, False, shaped, across=0.1)
+            other = fit_cloud(body, replace(start.state, shape=fit.state.shape), binned(points), free, REACHES, False, shaped)
             about = float(np.trace(other.state.turns[0] @ fit.state.turns[0].T)) < 1.0  # by more than a quarter
             if misfit(other) < (BETTER if not sure else ABOUT if about else TURNED) * misfit(fit):
                 fit = other
     own, there = (joints_of(body, shaped, state) for state in (fit.state, guess))
-    for joints in limb_joints():
-        away = np.linalg.norm((own[joints] - own[joints[0]]) - (there[joints] - there[joints[0]]), axis=1)
-        if away.max() > ELSEWHERE:
-            turns = fit.state.turns.copy()
+    apart = [np.linalg.norm((own[limb] - own[limb[0]]) - (there[limb] - there[limb[0]]), axis=1).max() for limb in limb_joints()]
+    for limb in np.argsort(apart)[::-1][:AT_ONCE]:
+        if apart[limb] > ELSEWHERE:
+            turns, joints = fit.state.turns.copy(), limb_joints()[limb]
             turns[joints] = guess.turns[joints]
-            fit = _tried(body, fit, replace(fit.state, turns=turns), shaped, points, expected, joints)
+            most = NO_WORSE if limbs_shown(body, fit)[limb] < HIDDEN else BETTER
+            fit = _tried(body, fit, replace(fit.state, turns=turns), shaped, points, expected, joints, most)
     return fit
 
 
-def alike(starts: Sequence[Start], state: BodyState) -> BodyState:
+def alike(starts: Sequence[Start], state: BodyState) -> Start:
     """The start whose hips face as those of a state do, as nearly as any."""
-    return min(starts, key=lambda start: float(((start.state.turns[0] - state.turns[0]) ** 2).sum())).state
+    return min(starts, key=lambda start: float(((start.state.turns[0] - state.turns[0]) ** 2).sum()))
 
 
 def straightened(

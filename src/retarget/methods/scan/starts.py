@@ -4,7 +4,7 @@ around."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -69,6 +69,8 @@ class Start:
     state: BodyState
     guessed: bool
     """By a regressor: then it is near."""
+    doubts: Float[Array, "joints"] = field(default_factory=lambda: np.zeros(BODY))
+    """How far off the regressor takes its joints to be, metres."""
 
 
 def misfit(fit: Fit) -> float:
@@ -79,7 +81,8 @@ def misfit(fit: Fit) -> float:
 
 
 def guessed_starts(body: ScanBody, guess: Guess) -> Iterator[Start]:
-    """The guess, and the same places taken by a body that looks the other way."""
+    """The guess, and the same places taken by a body that looks the other way. A guess may have `doubts`, metres by which its
+    joints are expected to be off."""
     order = [list(guess.names).index(name) for name in human_model().joint_names[:BODY]]
     places, turns = np.asarray(guess.places)[order].astype(float), rot.to_matrix(np.asarray(guess.turns)[order].astype(float))
     child, above = np.arange(1, BODY), body.parents[1:]
@@ -88,8 +91,9 @@ def guessed_starts(body: ScanBody, guess: Guess) -> Iterator[Start]:
     shape[-1] = np.clip(lengths[0] / lengths[1], 0.3, 1.6) - 1.0
     other = _other_side()
     half = np.diag([-1.0, 1.0, -1.0])
-    for where, how in ((places, turns), (places[other], turns[other] @ half)):
-        yield Start(_placed(body, shape, how, where), True)
+    doubts = np.asarray(getattr(guess, "doubts", np.zeros(BODY)), dtype=float)[order]
+    for where, how, doubt in ((places, turns, doubts), (places[other], turns[other] @ half, doubts[other])):
+        yield Start(_placed(body, shape, how, where), True, doubt)
 
 
 def stances(body: ScanBody, points: Float[Array, "points 3"]) -> Iterator[Start]:

@@ -10,7 +10,7 @@ from jaxtyping import Float, Shaped
 from retarget.body import rotations as rot
 from retarget.body.human import human_model
 from retarget.character import Character, Pose
-from retarget.methods.scan.cloud import binned, pieces, thinned, without_floor
+from retarget.methods.scan.cloud import MOST, binned, fewer, pieces, thinned, without_floor
 from retarget.methods.scan.fit import (
     Expected,
     Fit,
@@ -33,6 +33,8 @@ FOLLOWED, FOUND, HELD, NOBODY = "followed", "found", "held", "nobody"
 pose is held, or nobody has been found yet."""
 REACHES = (0.1, 0.06, 0.045, 0.035)
 """Metres: a round of the fit each."""
+WITH_FLOOR = 4 * MOST
+"""Points of a thinned cloud before its floor is taken away."""
 FEWEST = 80
 """Points of a thinned cloud in which a body can be followed."""
 ALMOST, ENOUGH = 0.06, 0.045
@@ -60,6 +62,8 @@ USUAL = 0.1
 GUESSED = 0.3
 """Radians that a regressor's turns are off: one standard deviation. It is little against what the cloud shows, and decides for
 what it does not show."""
+DOUBTFUL = 0.03
+"""Metres that a regressor takes a joint to be off at which it counts for half."""
 SURE = 5
 """Frames that fitted as right ones do, after which all of the body is not given up for little."""
 LOOK = 3
@@ -244,7 +248,7 @@ class Tracker:
 
 def ready(points: Shaped[Array, "points 3"]) -> Float[Array, "ready 3"]:
     """A frame's points thinned, without floor."""
-    return without_floor(thinned(points))
+    return fewer(without_floor(thinned(points, WITH_FLOOR)))
 
 
 def pose_of(state: BodyState) -> Pose:
@@ -259,11 +263,11 @@ def _seen(fit: Fit, status: str) -> Tracked:
     return Tracked(pose_of(fit.state), fit.state.shape, fit.state, status, confidence, fit.distance)
 
 
-def _told(body: ScanBody, foretold: Expected, guess: BodyState) -> Expected:
+def _told(body: ScanBody, foretold: Expected, guess: Start) -> Expected:
     """What is foretold together with a regressor's guess: between both, by their precisions."""
-    apart = rotation_vectors(np.matmul(relative_turns(body, guess.turns), foretold.turns.transpose(0, 2, 1)))
+    apart = rotation_vectors(np.matmul(relative_turns(body, guess.state.turns), foretold.turns.transpose(0, 2, 1)))
     angle = np.linalg.norm(apart, axis=1)
-    precision = GUESSED**-2 / (1.0 + (angle / DISMISSED) ** 2)
+    precision = GUESSED**-2 / (1.0 + (angle / DISMISSED) ** 2) / (1.0 + (guess.doubts / DOUBTFUL) ** 2)
     share = precision / (precision + foretold.turn_precision)
     turns = np.matmul(turn_matrices(apart * share[:, None]), foretold.turns)
     return replace(foretold, turns=turns, turn_precision=precision + foretold.turn_precision)
