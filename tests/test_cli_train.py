@@ -57,7 +57,8 @@ def test_what_was_exported_is_what_was_learnt(few, tmp_path):
     seen = [first_look(clouds), closer_look(clouds, truth, True), closer_look(clouds, truth, False)]
     for features, look, session in zip(seen, network.looks, regressor.looks):
         (out,) = session.run(None, {"features": features})
-        assert np.abs(out - look(torch.from_numpy(features)).detach().numpy()).max() < 5e-3
+        true = look(torch.from_numpy(features)).detach().numpy()
+        assert np.abs(out - true).max() < 0.02 * true.std()
     found, doubts = regressor.find(clouds)
     with torch.no_grad():
         places, turns, expected = network(clouds)[-1]
