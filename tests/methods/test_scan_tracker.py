@@ -10,8 +10,13 @@ from retarget.body import rotations as rot
 from retarget.body.kinematics import forward
 from retarget.character import PointMotion
 from retarget.methods.scan.clip import follow_clip
-from retarget.methods.scan.tracker import FOLLOWED, FOUND, HELD, NOBODY, Tracker
+from retarget.methods.scan.fit import Expected, rotation_vectors, turn_matrices, world_turns
+from retarget.methods.scan.scan_body import BODY, scan_body
+from retarget.methods.scan.starts import Start
+from retarget.methods.scan.tracker import FOLLOWED, FOUND, HELD, NOBODY, Tracker, told_by
+from retarget.methods.scan.usual import usual_precision
 from retarget.motion.library import embedded_motion, performer
+from retarget.rig.fit_model import BodyState
 
 FRAMES = 14
 
@@ -160,3 +165,28 @@ def test_frames_that_show_nobody_lie_between_their_neighbours(walk):
     assert clip.notes == ("2 of 14 frames show nobody and are interpolated: 5 to 6",)
     poses = [type("Frame", (), {"pose": clip.motion.pose(frame)}) for frame in (5, 6)]
     assert errors(walk, poses, clip.character, [5, 6])[0] < 0.012
+
+
+def test_an_arm_that_leaps_is_found_again_where_nothing_explains_the_points():
+    motion = part_of("walk", 30, 9)
+    arm, turns = performer().skeleton.names.index("leftUpperArm"), motion.rotations.copy()
+    turns[4:, arm] = rot.multiply(rot.from_rotation_vector(np.array([0.0, 0.0, 1.6])), turns[4:, arm])
+    made = capture(performer(), replace(motion, rotations=turns), points=4000)
+    tracker = Tracker()
+    frames = [tracker.step(cloud) for cloud in made.clouds.clouds]
+    _, places = joints_of(frames[-2:], tracker.character())
+    hand = performer().skeleton.names.index("leftHand")
+    assert np.linalg.norm(places[:, hand] - made.places[-2:, hand], axis=1).max() < 0.03
+
+
+def test_a_regressor_tells_what_the_cloud_hides_and_its_doubts_take_away_from_that():
+    body = scan_body()
+    still = np.tile(np.eye(3), (BODY, 1, 1))
+    foretold = Expected(still, np.full(BODY, 100.0), usual_precision(), np.zeros(3), 1.0, np.zeros(body.shapes), body.usual_shape)
+    bent = world_turns(body, turn_matrices(np.tile([0.0, 0.0, 0.2], (BODY, 1))))
+
+    def share(doubt):
+        start = Start(BodyState(np.zeros(body.shapes), bent, np.zeros(3)), True, np.full(BODY, doubt))
+        return rotation_vectors(told_by(body, foretold, start).turns)[:, 2] / 0.2
+
+    assert np.allclose(share(0.0), 0.09, atol=0.02) and (share(0.1) < 0.2 * share(0.0)).all()

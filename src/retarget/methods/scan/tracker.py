@@ -142,7 +142,7 @@ class Tracker:
         foretold = self._foretold(body, memory)
         start = BodyState(memory.state.shape, world_turns(body, foretold.turns), foretold.root)
         guesses = [] if self.regressor is None else list(guessed_starts(body, self.regressor(near)))
-        expected = _told(body, foretold, alike(guesses, start)) if guesses else foretold
+        expected = told_by(body, foretold, alike(guesses, start)) if guesses else foretold
         fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, memory.shaped)
         fit = self._doubted(body, memory, fit, near, expected, guesses)
         if misfit(fit) > ALMOST or fit.explained < 0.4:
@@ -263,7 +263,7 @@ def _seen(fit: Fit, status: str) -> Tracked:
     return Tracked(pose_of(fit.state), fit.state.shape, fit.state, status, confidence, fit.distance)
 
 
-def _told(body: ScanBody, foretold: Expected, guess: Start) -> Expected:
+def told_by(body: ScanBody, foretold: Expected, guess: Start) -> Expected:
     """What is foretold together with a regressor's guess: between both, by their precisions."""
     apart = rotation_vectors(np.matmul(relative_turns(body, guess.state.turns), foretold.turns.transpose(0, 2, 1)))
     angle = np.linalg.norm(apart, axis=1)
