@@ -38,7 +38,9 @@ def stream(
     source: Annotated[
         str, typer.Option("--in", help="Clouds: - for standard input, a file, or 127.0.0.1:PORT to listen there.")
     ] = "-",
-    output: Annotated[str, typer.Option("--output", "-o", help="Poses, a line of JSON each: a file, or - for standard output.")] = "-",
+    output: Annotated[
+        str, typer.Option("--output", "-o", help="Poses, a line of JSON each: a file, or - for standard output.")
+    ] = "-",
     fps: Annotated[float, typer.Option(help="Frames a second of the stream.")] = 30.0,
     method: MethodName = "auto",
     up: Annotated[str, typer.Option(help="Up axis of the stream.")] = "+y",

@@ -15,7 +15,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from retarget.casting import Hints, cast
-from retarget.character import Character, Motion, PointMotion, Provenance
+from retarget.character import Character, Motion, Provenance
 from retarget.errors import FileError, RetargetError
 from retarget.io import check_output, load, save
 from retarget.io.cloud_stream import CloudStream

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -42,8 +42,9 @@ class LiveRetargeter:
     """
 
     def __init__(
-        self, target: Actor, method: str = "auto", fps: float = 30.0, up: str = "+y", unit: float = 1.0, regressor: Regressor | None = None
-    ) -> None:
+        self, target: Actor, method: str = "auto", fps: float = 30.0, up: str = "+y", unit: float = 1.0,
+        regressor: Regressor | None = None,
+    ) -> None:  # fmt: skip
         if up not in AXES:
             raise RetargetError(f"the up axis is one of {', '.join(AXES)}, received {up!r}")
         if not (0.0 < unit < float("inf") and 0.0 < fps < float("inf")):

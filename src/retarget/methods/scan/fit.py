@@ -202,7 +202,9 @@ def _judged(
     astray = squares >= NEAR**2
     near = 1.0 - float(astray.mean()) if len(squares) else 0.0
     shown = room.seen & (back < NEAR**2)
-    return Fit(state, information, float(np.sqrt(along / max(total, 1e-9))), near, float(shown.mean()), shown, astray, _strain(body, state, expected))
+    distance = float(np.sqrt(along / max(total, 1e-9)))
+    strain = _strain(body, state, expected)
+    return Fit(state, information, distance, near, float(shown.mean()), shown, astray, strain)
 
 
 def _pull_across(

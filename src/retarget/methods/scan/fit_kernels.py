@@ -288,10 +288,14 @@ def turn_joints(parents, step, turns, out):
                 if above < 0:
                     total[j, a, b] = own[a, b]
                 else:
-                    total[j, a, b] = total[above, a, 0] * own[0, b] + total[above, a, 1] * own[1, b] + total[above, a, 2] * own[2, b]
+                    total[j, a, b] = 0.0
+                    for c in range(3):
+                        total[j, a, b] += total[above, a, c] * own[c, b]
         for a in range(3):
             for b in range(3):
-                out[j, a, b] = total[j, a, 0] * turns[j, 0, b] + total[j, a, 1] * turns[j, 1, b] + total[j, a, 2] * turns[j, 2, b]
+                out[j, a, b] = 0.0
+                for c in range(3):
+                    out[j, a, b] += total[j, a, c] * turns[j, c, b]
 
 
 def compile_kernels() -> None:

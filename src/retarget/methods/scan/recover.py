@@ -45,7 +45,8 @@ wrong way do not."""
 UNLIKELY = 4.0
 """Standard deviations of a hand's or a foot's turn at which another is tried."""
 NO_WORSE = 1.02
-"""Share of the misfit at which a likely turn is taken instead, or a limb that the cloud hardly shows is where a regressor sees it."""
+"""Share of the misfit at which a likely turn is taken instead, or a limb that the cloud hardly shows is where a regressor
+sees it."""
 HIDDEN = 0.3
 """A limb of whose skin less than this share is shown is hidden."""
 
@@ -67,8 +68,9 @@ def limbs_shown(body: ScanBody, fit: Fit) -> Float[Array, "limbs"]:
 
 
 def sought_elsewhere(
-    body: ScanBody, fit: Fit, shaped: ShapedBody, points: Float[Array, "points 3"], expected: Expected, doubted: Bool[Array, "limbs"]
-) -> Fit:
+    body: ScanBody, fit: Fit, shaped: ShapedBody, points: Float[Array, "points 3"], expected: Expected,
+    doubted: Bool[Array, "limbs"],
+) -> Fit:  # fmt: skip
     """The fit with doubted limbs where they fit better, if they do: each is tried stretched out to the points within its reach
     that nothing explains."""
     for limb in np.flatnonzero(doubted):

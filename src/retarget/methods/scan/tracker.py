@@ -35,7 +35,7 @@ REACHES = (0.1, 0.06, 0.045, 0.035)
 """Metres: a round of the fit each."""
 WITH_FLOOR = 4 * MOST
 """Points of a thinned cloud before its floor is taken away."""
-FEWEST = 80
+FEWEST = 100
 """Points of a thinned cloud in which a body can be followed."""
 ALMOST, ENOUGH = 0.06, 0.045
 """Metres of misfit beyond which a frame is not believed, and a new start not."""
