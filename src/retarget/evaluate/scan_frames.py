@@ -27,7 +27,7 @@ Array = np.ndarray
 
 WHOLE, HALF_VIEW, FEW_POINTS = "whole", "half view", "500 points"
 """`POINTS` points of all of the skin; one noisy depth camera; 500 points of all of the skin."""
-CAMERA = Scanner(cameras=1, points=POINTS, noise=0.005, holes=0.2, outliers=0.1)
+CAMERA = Scanner(cameras=1, points=POINTS, noise=0.005)
 FEW = 500
 REFUSED = 0.5
 """Metres of error that a refusal counts as."""
