@@ -41,6 +41,27 @@ def test_a_joint_without_partner_rests_in_its_parent():
     assert rot.angle_between(local, target.skeleton.rest_rotations[fingers]).max() < 1e-9
 
 
+@pytest.mark.parametrize("name", ["heavy", "toddler"])
+def test_bodies_on_one_rig_get_equal_rotations_where_that_is_wanted(name):
+    own = walk()
+    plain, alike = (
+        prepare(actor(), actor(name), "copy-rotations", foot_lock=False, steady=False, limits=False, one_rig=one_rig)(own).motion
+        for one_rig in (False, True)
+    )
+    assert rot.angle_between(alike.rotations, own.rotations).max() < 1e-9
+    assert rot.angle_between(plain.rotations, own.rotations).max() > np.radians(2), "else limbs point the same way"
+    assert np.allclose(alike.translations, plain.translations, atol=0.02)
+
+
+def test_on_another_rig_limbs_point_the_same_way_all_the_same():
+    target = cast_by_names(in_other_rest_pose(body("heavy"), arms_turned(40.0)))
+    made = [
+        prepare(actor(), target, "copy-rotations", foot_lock=False, one_rig=one_rig)(walk()).motion.rotations
+        for one_rig in (False, True)
+    ]
+    assert np.array_equal(*made)
+
+
 def test_lengths_and_hip_heights():
     plan = plan_copy(actor(), actor("child"), 0.0, 0.0)
     again = plan_copy(actor("child"), actor(), 0.0, 0.0)

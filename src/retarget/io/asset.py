@@ -88,5 +88,5 @@ class Asset:
             cure = "`retarget run` takes it as a motion, `info` and `picture` show it, `convert` writes it in other formats"
             raise FileError(self.path, f"holds a mesh sequence, whose surface moves without joints to follow; {cure}")
         if self.clouds is not None:
-            cure = "`info` and `picture` show it, `convert` writes it in other formats"
+            cure = "`retarget run` and `skeleton` take it as a motion, `info` and `picture` show it, `convert` writes it in other formats"
             raise FileError(self.path, f"holds a point sequence, a capture without joints to follow; {cure}")

@@ -71,7 +71,7 @@ def expect_no_frames(path: Path) -> None:
     """Raises `FileError` for a folder of frames where motions of joints are looked for, saying what can be done with
     it."""
     if holds_frames(path):
-        cure = "as a mesh sequence `retarget run` takes it, `info` and `picture` show it, "
+        cure = "as a mesh sequence or capture `retarget run` takes it, `info` and `picture` show it, "
         cure += "`convert` writes it in other formats"
         raise FileError(path, f"the folder holds frames ({', '.join(FRAMES)}) and no motion of joints; {cure}")
 

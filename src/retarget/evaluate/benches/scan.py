@@ -27,6 +27,7 @@ from retarget.evaluate.scan_rows import (
 from retarget.evaluate.scan_split import BENCH_BODIES, BENCH_TARGETS
 from retarget.progress import Tell, untold
 
+KINDS = (NAKED, CLOTHED, SCANNED)
 FIGURES = ("mpjpe", "pa_mpjpe", "acc", "pa_acc", "mpvd", "pa_mpvd", "mdel")
 PAPER = {
     NAKED: (0.178, 0.056, 0.016, 0.008, 0.145, 0.058, 0.001),
@@ -34,10 +35,10 @@ PAPER = {
 }
 """What Rekik 2023 reports on its own data (table 4), metres."""
 METHODS = (COPY, DEFORMATION, REGRESSED, ONLINE, OURS, CONTACTS, BARE)
-FRAMES = 10_000
-"""Of the online run whose memory and speed are watched; in the quick run 300."""
-SAMPLES = 200
-"""Clouds on which the regressor is judged alone; in the quick run 24."""
+FRAMES, QUICK_FRAMES = 10_000, 300
+"""Of the online run whose memory and speed are watched."""
+SAMPLES, QUICK_SAMPLES = 200, 24
+"""Clouds on which the regressor is judged alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ Show = Callable[[Picture], None]
 def run(quick: bool = False, tell: Tell = untold, show: Show | None = None) -> dict[str, Any]:
     """All captures by all rows, then single clouds, then cost online. `show` gets some moments of every case."""
     cases: list[dict[str, Any]] = []
-    for kind in (NAKED, CLOTHED, SCANNED):
+    for kind in KINDS:
         for number, case in enumerate(scan_cases(kind, quick)):
             tell(case.name, 1)
             made = list(rows_of(case, bare=not quick and number % 4 == 0))
@@ -64,13 +65,13 @@ def run(quick: bool = False, tell: Tell = untold, show: Show | None = None) -> d
             if show is not None:
                 _pictures(case, made, show)
     tell("single clouds", 1)
-    samples = 24 if quick else SAMPLES
+    samples = QUICK_SAMPLES if quick else SAMPLES
     single = {f"regressor_mpjpe{suffix}": regressor_errors(kind, samples) for suffix, kind in (
         ("", WHOLE), ("_half_view", HALF_VIEW), ("_500", FEW_POINTS),
     )}  # fmt: skip
     skinning = skinning_errors(quick)
     tell("online", 1)
-    cost = online_cost(scan_case(NAKED, False, 0, 0), 300 if quick else FRAMES)
+    cost = online_cost(scan_case(NAKED, False, 0, 0), QUICK_FRAMES if quick else FRAMES)
     summary = _summary(cases, single, skinning, cost)
     rows = list(_rows(cases))
     return {
@@ -105,7 +106,7 @@ def _mean(values: list[float]) -> float | None:
 
 def _summary(cases: list[dict], single: dict[str, list[float]], skinning: dict, cost: dict) -> dict[str, float | None]:
     summary: dict[str, float | None] = {}
-    for kind in (NAKED, CLOTHED, SCANNED):
+    for kind in KINDS:
         for key in FIGURES:
             summary[f"{kind}_{key}"] = _mean(_values(cases, key, kind=kind, method=OURS))
         summary[f"{kind}_mpjpe_worst"] = max(_values(cases, "mpjpe", kind=kind, method=OURS))
@@ -122,7 +123,7 @@ def _summary(cases: list[dict], single: dict[str, list[float]], skinning: dict, 
 
 
 def _rows(cases: list[dict]) -> Iterator[dict[str, Any]]:
-    for kind in (NAKED, CLOTHED, SCANNED):
+    for kind in KINDS:
         for method in METHODS:
             own = [case for case in cases if case["kind"] == kind and case["method"] == method]
             if own:
