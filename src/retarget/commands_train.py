@@ -47,4 +47,5 @@ def train_network(name: str, folder: Path, data: Path | None, steps: int | None,
     elif name == "skinning-field":
         report["test set"] = judge.judge_field(into, folder / "cache")
     (folder / "report.json").write_text(json.dumps(report, indent=1))
-    return report
+    lines = [f"{name}: {value}" for name, value in report.items() if name != "test set"]
+    return report | {"lines": lines + [f"{name} (test set): {value}" for name, value in report.get("test set", {}).items()]}

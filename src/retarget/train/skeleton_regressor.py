@@ -33,7 +33,7 @@ TURN_WEIGHT, DOUBT_WEIGHT = 0.06, 0.2
 """Of the distance between rotation matrices (Frobenius) beside that of joints (metres); of the error of the expected error."""
 LOOK_WEIGHTS = (0.5, 1.0, 1.0, 1.0)
 """For every look of `features.ORDER`."""
-SETTINGS = Settings(steps=5_500, batch=256, rate=1e-3, rough=0.93)
+SETTINGS = Settings(steps=6_700, batch=256, rate=1e-3, rough=0.93)
 
 
 class Block(nn.Module):

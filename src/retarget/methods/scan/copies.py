@@ -1,6 +1,6 @@
 """A cloud looked at four times: as it is, turned about by half, and the mirror images of both; what is found in the four is joined.
 
-The regressor learnt all facings, but not equally well; its errors in the four are apart enough that their middle is a tenth
+The regressor learnt all facings, but not equally well; its errors in the four are apart enough that their mean is a tenth
 better, and what it finds in a mirrored cloud is exactly the mirror image. All four keep to the axes, so the search's boxes
 stay boxes.
 """
@@ -19,7 +19,9 @@ Array = np.ndarray
 
 SIGNS = np.array([[1, 1, 1], [-1, 1, 1], [-1, 1, -1], [1, 1, -1]], dtype=np.float32)
 """Of the axes, in each copy: the second and last are mirror images."""
-CALM = 0.7
+LEAST_DOUBT = 1e-4
+"""Metres, so that no copy counts for everything."""
+CALM = 0.8
 """What the expected error of the joined joints is of the copies' own and their distance together, on the validation set."""
 
 
@@ -37,8 +39,8 @@ def fourfold(clouds: Clouds) -> Clouds:
 
 
 def joined(bodies: Bodies, doubts: Float[Array, "copies joints"]) -> tuple[Bodies, Float[Array, "clouds joints"]]:
-    """What was found in the copies of `fourfold`, led back and joined: the median of places, the mean of turns, and of the
-    expected errors with what places differ by."""
+    """What was found in the copies of `fourfold`, led back and joined: means, in which a joint of a small expected error counts
+    for more, and expected errors of these, from the copies' own and what their places differ by."""
     copies = len(SIGNS)
     places = bodies.places.reshape(-1, copies, JOINTS, 3) * SIGNS[:, None]
     turns = bodies.turns.reshape(-1, copies, JOINTS, 3, 3) * SIGNS[:, None, :, None]
@@ -47,11 +49,13 @@ def joined(bodies: Bodies, doubts: Float[Array, "copies joints"]) -> tuple[Bodie
         places[:, copy] = places[:, copy, _other_side()]
         turns[:, copy] = turns[:, copy, _other_side()] * np.array([-1, 1, 1], dtype=np.float32)
         doubts[:, copy] = doubts[:, copy, _other_side()]
-    middle = np.median(places, axis=1)
-    left, _, right = np.linalg.svd(turns.mean(axis=1))
+    shares = np.maximum(doubts, LEAST_DOUBT) ** -4.0
+    shares /= shares.sum(axis=1, keepdims=True)
+    middle = (shares[..., None] * places).sum(axis=1)
+    left, _, right = np.linalg.svd((shares[..., None, None] * turns).sum(axis=1))
     left[..., 2] *= np.linalg.det(np.matmul(left, right))[..., None]
-    apart = np.linalg.norm(places - middle[:, None], axis=-1).mean(axis=1)
-    return Bodies(middle, np.matmul(left, right)), CALM * (doubts.mean(axis=1) + apart)
+    apart = np.linalg.norm(places - middle[:, None], axis=-1)
+    return Bodies(middle, np.matmul(left, right)), CALM * (shares * (doubts + apart)).sum(axis=1)
 
 
 @lru_cache(maxsize=1)
