@@ -15,9 +15,9 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from retarget.body.human import PRESETS, human
+from retarget.casting import cast
 from retarget.character import Character, Material, Mesh
 from retarget.contact.sensors import Sensors, bone_index, dense_layout, place_sensors
-from retarget.casting import cast
 from retarget.view.picture import Camera, render, save_png
 from retarget.view.surface import prepare_surface
 

@@ -17,7 +17,13 @@ from torch import Tensor, nn
 
 from retarget.body import rotations as rot
 from retarget.body.human import human, human_model
-from retarget.evaluate.reference.scan_networks import CONTEXT, MotionCritic, MotionRetargeter, forward_kinematics, matrices
+from retarget.evaluate.reference.scan_networks import (
+    CONTEXT,
+    MotionCritic,
+    MotionRetargeter,
+    forward_kinematics,
+    matrices,
+)
 from retarget.evaluate.scan_split import BODY_SEEDS, TRAINING
 from retarget.methods.scan.features import JOINTS, PARENTS
 from retarget.train.data import bake_bodies
