@@ -61,7 +61,7 @@ def test_what_was_exported_is_what_was_learnt(few, tmp_path):
         (out,) = session.run(None, {"features": features})
         true = look(torch.from_numpy(features)).detach().numpy()
         assert np.abs(out - true).max() < 0.02 * true.std()
-    found, doubts = regressor.find(clouds)
+    found, doubts = regressor.find_once(clouds)
     with torch.no_grad():
         places, turns, expected = network(clouds)[-1]
     assert np.abs(found.places - places.numpy()).max() < 0.03

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-
-from retarget.body import rotations as rot  # noqa: E402
-from retarget.body.human import human, human_model  # noqa: E402
-from retarget.body.kinematics import forward  # noqa: E402
-from retarget.evaluate.scan_split import TRAINING, VALIDATION  # noqa: E402
-from retarget.methods.scan.features import PARENTS, Bodies, closer_look, first_look, thinned  # noqa: E402
-from retarget.train import data  # noqa: E402
-from retarget.train.poses import drawn_poses, gather_poses, other_side, still_poses  # noqa: E402
+from retarget.body import rotations as rot
+from retarget.body.human import human, human_model
+from retarget.body.kinematics import forward
+from retarget.evaluate.scan_split import TRAINING, VALIDATION
+from retarget.methods.scan.features import PARENTS, Bodies, closer_look, first_look, thinned
+from retarget.train import data
+from retarget.train.poses import drawn_poses, gather_poses, other_side, still_poses
 
 
 @pytest.fixture(scope="module")

@@ -44,7 +44,8 @@ class SkeletonRegressor(nn.Module):
         super().__init__()
         self.transform = InputTransform()
         self.points = nn.Sequential(*_shared(3, 64), *_shared(64, 128), nn.Conv1d(128, 1024, 1))
-        self.whole = nn.Sequential(*_layer(1024, 512), nn.Linear(512, 256), nn.Dropout(0.3), nn.ReLU(), nn.Linear(256, 3 * JOINTS))
+        inner = (nn.Linear(512, 256), nn.Dropout(0.3), nn.ReLU())
+        self.whole = nn.Sequential(*_layer(1024, 512), *inner, nn.Linear(256, 3 * JOINTS))
 
     def forward(self, points: Float[Tensor, "clouds points 3"]) -> Float[Tensor, "clouds joints 3"]:
         """Joints in the cloud's own axes and unit. Clouds come centred (ours: the paper does not say)."""
@@ -114,7 +115,9 @@ class SkinningPredictor(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Linear(JOINTS, 256), nn.ReLU(), nn.Dropout(0.1), nn.Linear(256, 256), nn.ReLU(), nn.Dropout(0.1), nn.Linear(256, JOINTS)
+            nn.Linear(JOINTS, 256), nn.ReLU(), nn.Dropout(0.1),
+            nn.Linear(256, 256), nn.ReLU(), nn.Dropout(0.1),
+            nn.Linear(256, JOINTS),
         )  # fmt: skip
 
     def forward(
