@@ -18,8 +18,9 @@ from retarget.evaluate.scan_split import BODY_SEEDS, EMBEDDED, TEST
 from retarget.geometry.capture import Scanner, scan
 from retarget.geometry.sampling import sample_surface
 from retarget.methods.scan.regressor import load_regressor
-from retarget.methods.scan.scan_body import BODY
+from retarget.methods.scan.scan_body import BODY, scan_body
 from retarget.methods.scan.skinning_field import load_field
+from retarget.methods.scan.tracker import Tracker
 from retarget.motion.library import embedded_motion
 from retarget.rig.rigging import rig
 
@@ -48,6 +49,24 @@ def regressor_errors(kind: str, count: int) -> list[float]:
             found.append(float(np.linalg.norm(regressor(cloud).places - joints, axis=1).mean()))
         except RetargetError:
             found.append(REFUSED)
+    return found
+
+
+def fitted_errors(kind: str, count: int) -> list[float]:
+    """The same of the body that is fitted to each cloud by itself, from the regressor's guess; nobody found is a refusal."""
+    body, found = scan_body(), []
+    for number in range(count):
+        cloud, truth = single_cloud(kind, number)
+        seen = Tracker(load_regressor()).step(cloud)
+        if seen.pose is None:
+            found.append(REFUSED)
+            continue
+        rest, joints = body.rest_joints(seen.shape), np.empty((BODY, 3))
+        joints[0] = seen.state.root
+        for joint in range(1, BODY):
+            above = body.parents[joint]
+            joints[joint] = joints[above] + seen.state.turns[above] @ (rest[joint] - rest[above])
+        found.append(float(np.linalg.norm(joints - truth, axis=1).mean()))
     return found
 
 

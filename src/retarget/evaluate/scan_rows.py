@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,10 +13,11 @@ from jaxtyping import Float
 
 from retarget.body import rotations as rot
 from retarget.body.human import human_model
-from retarget.body.kinematics import local_rotations, world_pose
+from retarget.body.kinematics import local_rotations, still_motion, world_pose
 from retarget.body.skinning import prepare_skinning, rest_vertices, skin_motion
 from retarget.casting import cast
 from retarget.character import Character, Mesh, Motion, PointMotion
+from retarget.errors import RetargetError
 from retarget.evaluate import metrics
 from retarget.evaluate.scan_cases import ScanCase
 from retarget.live import LiveRetargeter
@@ -63,20 +64,33 @@ def rows_of(case: ScanCase, bare: bool = False) -> Iterator[tuple[dict[str, Any]
     regressed = regressed_motion(case.capture)
     made = prepare(cast(regressed[0]), target, COPIED)(regressed[1]).motion
     yield judged(REGRESSED, shown(case.target, made), time.perf_counter() - began)
+    seen = None
     for method, causal in ((ONLINE, True), (OURS, False)):
         began = time.perf_counter()
-        seen = cast_scan(case.capture, causal=causal)
+        try:
+            seen = cast_scan(case.capture, causal=causal)
+        except RetargetError as error:
+            yield judged(method, stands_still(case), refused=str(error))
+            continue
         made = prepare(seen.actor, target, COPIED)(seen.motion).motion
         spent = time.perf_counter() - began
         yield judged(
             method, shown(case.target, made), spent, flips_percent=flips_percent(seen.motion, case.performed),
             shown_percent=100 * float(seen.shown.mean()), actor_mpjpe=actor_error(seen.motion, case.performed),
         )  # fmt: skip
+    if seen is None:
+        return
     yield judged(CONTACTS, shown(case.target, prepare(seen, target)(seen.motion).motion))
     if bare:
         rigged = rigged_target(case.target)
         made = prepare(seen.actor, rigged, COPIED)(seen.motion).motion
         yield judged(BARE, shown(rigged.character, made, rigged))
+
+
+def stands_still(case: ScanCase) -> Shown:
+    """What a refusal counts as: the target at rest, where it first stands."""
+    still = still_motion(case.target.skeleton, len(case.truth), case.truth.fps)
+    return shown(case.target, replace(still, translations=np.broadcast_to(case.truth.translations[:1], still.translations.shape)))
 
 
 def shown(character: Character, motion: Motion, actor: Actor | None = None) -> Shown:

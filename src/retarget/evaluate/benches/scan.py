@@ -12,7 +12,7 @@ import numpy as np
 from retarget.character import Mesh
 from retarget.evaluate.environment import environment
 from retarget.evaluate.scan_cases import CLOTHED, NAKED, SCANNED, scan_case, scan_cases
-from retarget.evaluate.scan_frames import FEW_POINTS, HALF_VIEW, WHOLE, regressor_errors, skinning_errors
+from retarget.evaluate.scan_frames import FEW_POINTS, HALF_VIEW, WHOLE, fitted_errors, regressor_errors, skinning_errors
 from retarget.evaluate.scan_rows import (
     BARE,
     CONTACTS,
@@ -66,9 +66,10 @@ def run(quick: bool = False, tell: Tell = untold, show: Show | None = None) -> d
                 _pictures(case, made, show)
     tell("single clouds", 1)
     samples = QUICK_SAMPLES if quick else SAMPLES
-    single = {f"regressor_mpjpe{suffix}": regressor_errors(kind, samples) for suffix, kind in (
-        ("", WHOLE), ("_half_view", HALF_VIEW), ("_500", FEW_POINTS),
-    )}  # fmt: skip
+    single = {}
+    for suffix, kind in (("", WHOLE), ("_half_view", HALF_VIEW), ("_500", FEW_POINTS)):
+        single[f"regressor_mpjpe{suffix}"] = regressor_errors(kind, samples)
+        single[f"fitted_mpjpe{suffix}"] = fitted_errors(kind, samples)
     skinning = skinning_errors(quick)
     tell("online", 1)
     cost = online_cost(scan_case(NAKED, False, 0, 0), QUICK_FRAMES if quick else FRAMES)
@@ -83,7 +84,7 @@ def run(quick: bool = False, tell: Tell = untold, show: Show | None = None) -> d
         "cases": cases,
         "skinning": skinning,
         "cost": cost,
-        "lines": list(_lines(rows, summary)),
+        "lines": list(_lines(rows, cases, summary)),
     }
 
 
@@ -115,6 +116,7 @@ def _summary(cases: list[dict], single: dict[str, list[float]], skinning: dict, 
         summary[f"{kind}_mpjpe_contacts"] = _mean(_values(cases, "mpjpe", kind=kind, method=CONTACTS))
     flips = _values(cases, "flips_percent")
     summary["flips_percent"] = _mean(flips)
+    summary["refused_percent"] = 100 * float(np.mean([bool(case.get("refused")) for case in cases if case["method"] == OURS]))
     for key, values in single.items():
         summary[key] = _mean(values)
     for key in ("fps", "latency_ms_p50", "latency_ms_p99", "first_frame_ms", "later_over_earlier", "memory_growth_mb"):
@@ -133,10 +135,11 @@ def _rows(cases: list[dict]) -> Iterator[dict[str, Any]]:
             yield {"method": "Rekik 2023, its own data", "kind": kind, "cases": None} | dict(zip(FIGURES, PAPER[kind]))
 
 
-def _lines(rows: list[dict], summary: dict[str, float | None]) -> Iterator[str]:
+def _lines(rows: list[dict], cases: list[dict], summary: dict[str, float | None]) -> Iterator[str]:
     yield f"{'':32}{'':9}{'cases':>6}" + "".join(f"{head:>10}" for head in FIGURES)
     for row in rows:
         cells = "".join(f"{'-' if row[key] is None else f'{row[key]:.4f}':>10}" for key in FIGURES)
         yield f"{row['method']:32}{row['kind']:9}{'' if row['cases'] is None else row['cases']:>6}{cells}"
     yield ""
+    yield from (f"refused: {row['kind']}, {row['name']}: {row['refused']}" for row in cases if row.get("refused"))
     yield from (f"{key:32}{'-' if value is None else f'{value:.4g}'}" for key, value in summary.items())

@@ -25,6 +25,8 @@ SAID_BACK = 700
 """Points of the skin, the first of the spread ones, that look for the cloud."""
 FAR = 0.25
 """Metres within which neighbours are looked for."""
+SMALLEST = 0.3
+"""Size over an adult's below which nobody is taken to be."""
 NEAR = 0.05
 """Metres within which a point of the cloud is explained."""
 COMMON, WILD = 2.0, 300.0
@@ -94,6 +96,12 @@ def turn_matrices(vectors: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3
     return rot.to_matrix(rot.from_rotation_vector(vectors))
 
 
+def relative_size(state: BodyState) -> float:
+    """A body's size over an adult's, at most 1: limbs of a toddler lie within what is one limb of an adult, so lengths by which
+    a fit judges are as much shorter."""
+    return float(np.clip(1.0 + state.shape[-1], SMALLEST, 1.0))
+
+
 def fit_cloud(
     body: ScanBody,
     state: BodyState,
@@ -111,7 +119,7 @@ def fit_cloud(
     """
     import retarget.methods.scan.fit_kernels as kernels
 
-    count = len(body.parents)
+    count, size = len(body.parents), relative_size(state)
     room = Room.of(body, len(cloud.points))
     shaped = shaped or body.shaped(state.shape)
     information = np.zeros((0, 0))
@@ -122,11 +130,11 @@ def fit_cloud(
         to_body, body_squares = skin.nearest(cloud.points, FAR)
         to_cloud, cloud_squares = cloud.nearest(posed.points[:SAID_BACK], FAR)
         kernels.gather(
-            posed.points, posed.normals, body.say, cloud.points, to_body, body_squares, to_cloud, cloud_squares, reach,
+            posed.points, posed.normals, body.say, cloud.points, to_body, body_squares, to_cloud, cloud_squares, size * reach,
             room.seen, room.weight, room.force,
         )  # fmt: skip
         chosen = np.flatnonzero(room.weight > 1e-6)
-        heavy = np.sqrt(room.weight[chosen]) / NOISE
+        heavy = np.sqrt(room.weight[chosen]) / (size * NOISE)
         rows = np.empty((len(chosen), wide))
         if shaping:
             kernels.carried_shapes(body.parents, body.joint_shapes, state.turns, room.moved)
@@ -137,7 +145,7 @@ def fit_cloud(
         information = rows.T @ rows
         gradient = rows.T @ (room.force[chosen] / room.weight[chosen] * heavy)
         if across:
-            _pull_across(body, shaped, state, posed, room, cloud.points, to_body, reach, across, information, gradient)
+            _pull_across(body, shaped, state, posed, room, cloud.points, to_body, size * reach, across, information, gradient)
         state = _step(body, state, information, gradient, expected, shaping)
         if shaping:
             shaped = body.reshaped(shaped, state.shape)
@@ -193,15 +201,16 @@ def _judged(
     import retarget.methods.scan.fit_kernels as kernels
 
     posed, room = Posed.of(body, shaped, state), Room.of(body, len(cloud.points))
+    close = relative_size(state) * NEAR
     to_body, squares = binned(posed.points).nearest(cloud.points, FAR)
     to_cloud, back = cloud.nearest(posed.points[:SAID_BACK], FAR)
     total, along = kernels.gather(
-        posed.points, posed.normals, body.say, cloud.points, to_body, squares, to_cloud, back, NEAR,
+        posed.points, posed.normals, body.say, cloud.points, to_body, squares, to_cloud, back, close,
         room.seen, room.weight, room.force,
     )  # fmt: skip
-    astray = squares >= NEAR**2
+    astray = squares >= close**2
     near = 1.0 - float(astray.mean()) if len(squares) else 0.0
-    shown = room.seen & (back < NEAR**2)
+    shown = room.seen & (back < close**2)
     distance = float(np.sqrt(along / max(total, 1e-9)))
     strain = _strain(body, state, expected)
     return Fit(state, information, distance, near, float(shown.mean()), shown, astray, strain)
@@ -218,7 +227,7 @@ def _pull_across(
     away = cloud[told] - posed.points[to_body[told]]
     weight = body.say[to_body[told]] / (1.0 + (away**2).sum(axis=1) / reach**2) ** 2
     chosen = np.ascontiguousarray(to_body[told].astype(np.int64))
-    heavy = np.sqrt(across * weight) / NOISE
+    heavy = np.sqrt(across * weight) / (relative_size(state) * NOISE)
     rows = np.empty((len(chosen), information.shape[1]))
     for axis in range(3):
         direction = np.broadcast_to(np.eye(3)[axis], posed.points.shape).copy()
@@ -254,6 +263,7 @@ def _step(
         matrix[3 * count + 3 :, 3 * count + 3 :] += expected.shape_precision
         wanted[3 * count + 3 :] -= expected.shape_precision @ (state.shape - expected.shape)
         wild = WILD * np.maximum((state.shape / (COMMON * body.spread)) ** 2 - 1.0, 0.0) / body.spread**2
+        wild[-1] = 0.0  # size alone: infants are far smaller than most, and as common
         matrix[3 * count + 3 :, 3 * count + 3 :] += np.diag(wild)
         wanted[3 * count + 3 :] -= wild * state.shape
     matrix[np.diag_indices_from(matrix)] += 1e-3

@@ -4,7 +4,7 @@ around."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -13,7 +13,7 @@ from jaxtyping import Float
 from retarget.body import rotations as rot
 from retarget.body.human import human_model
 from retarget.methods.scan.cloud import Bins, binned
-from retarget.methods.scan.fit import Expected, Fit, fit_cloud
+from retarget.methods.scan.fit import SMALLEST, Expected, Fit, fit_cloud, relative_size
 from retarget.methods.scan.scan_body import BODY, ScanBody
 from retarget.rig.fit_model import BodyState
 
@@ -29,6 +29,10 @@ FINE = (0.1, 0.1, 0.08, 0.06, 0.05, 0.05, 0.04, 0.04)
 SUPPLE, STRAINED = 4.0, 0.001
 """Standard deviations of a pose's strain that people come to (1.5 to 3 walking and running, 5 dancing; bodies laid in the wrong way
 round come to 6 to 10), and metres of misfit for each beyond."""
+GUESSED = 0.02
+"""Metres that a bone of an adult is off in a regressor's guess."""
+LARGEST = 1.6
+"""Size over an adult's above which nobody is taken to be."""
 YAWS = 8
 ARMS = (0.0, 45.0, -35.0)
 """Degrees that the arms of a stance are lifted above the rest pose's."""
@@ -74,9 +78,9 @@ class Start:
 
 
 def misfit(fit: Fit) -> float:
-    """What fits are compared by, metres: distance of what is explained, the cloud that is not, skin that is not shown, and joints
+    """What fits are compared by, metres of an adult: distance of what is explained, the cloud that is not, skin that is not shown, and joints
     that are turned as they hardly turn, as those of a body laid in the wrong way round are."""
-    away = float(np.hypot(fit.distance, 0.06 * np.sqrt(max(1.0 - fit.explained, 0.0))))
+    away = float(np.hypot(fit.distance / relative_size(fit.state), 0.06 * np.sqrt(max(1.0 - fit.explained, 0.0))))
     return away + 0.02 * (1.0 - fit.seen) + STRAINED * max(fit.strain - SUPPLE, 0.0)
 
 
@@ -85,15 +89,28 @@ def guessed_starts(body: ScanBody, guess: Guess) -> Iterator[Start]:
     joints are expected to be off."""
     order = [list(guess.names).index(name) for name in human_model().joint_names[:BODY]]
     places, turns = np.asarray(guess.places)[order].astype(float), rot.to_matrix(np.asarray(guess.turns)[order].astype(float))
-    child, above = np.arange(1, BODY), body.parents[1:]
-    lengths = [np.linalg.norm(each[child] - each[above], axis=1).sum() for each in (places, body.joints)]
-    shape = np.zeros(body.shapes)
-    shape[-1] = np.clip(lengths[0] / lengths[1], 0.3, 1.6) - 1.0
+    shape = guessed_shape(body, places, turns)
     other = _other_side()
     half = np.diag([-1.0, 1.0, -1.0])
     doubts = np.asarray(getattr(guess, "doubts", np.zeros(BODY)), dtype=float)[order]
     for where, how, doubt in ((places, turns, doubts), (places[other], turns[other] @ half, doubts[other])):
         yield Start(_placed(body, shape, how, where), True, doubt)
+
+
+def guessed_shape(
+    body: ScanBody, places: Float[Array, "joints 3"], turns: Float[Array, "joints 3 3"]
+) -> Float[Array, "shapes"]:
+    """The likeliest shape whose bones, turned so, are those between the places (metres): first the size by their lengths, then
+    proportions by regularised least squares. A toddler is no small adult; a fit that starts from one loses limbs."""
+    child, above = np.arange(1, BODY), body.parents[1:]
+    bones = np.einsum("jba,jb->ja", turns[above], places[child] - places[above])
+    rest = body.joints[child] - body.joints[above]
+    size = np.clip(np.linalg.norm(bones, axis=1).sum() / np.linalg.norm(rest, axis=1).sum(), SMALLEST, LARGEST)
+    shape = np.zeros(body.shapes)
+    shape[-1] = size - 1.0
+    basis = (body.joint_basis[:, child] - body.joint_basis[:, above]).reshape(body.shapes, -1).T / (size * GUESSED)
+    missing = (bones - size * rest).ravel() / (size * GUESSED)
+    return shape + np.linalg.solve(basis.T @ basis + np.diag(body.spread**-2.0), basis.T @ missing)
 
 
 def stances(body: ScanBody, points: Float[Array, "points 3"]) -> Iterator[Start]:
@@ -114,19 +131,25 @@ def stances(body: ScanBody, points: Float[Array, "points 3"]) -> Iterator[Start]
             yield Start(BodyState(shape, turns, root), False)
 
 
-def best_fit(body: ScanBody, starts: Iterable[Start], points: Float[Array, "points 3"], expected: Expected) -> Fit:
-    """The fit that explains the cloud best, each start tried on a part of it, the best few on all."""
+def best_fit(
+    body: ScanBody, starts: Iterable[Start], points: Float[Array, "points 3"], expected: Expected, anyone: bool = False
+) -> Fit:
+    """The fit that explains the cloud best, each start tried on a part of it, the best few on all. Of `anyone` the shape is
+    expected around each start's: around an adult's toddlers are drawn out of the cloud."""
     starts, cloud = list(starts), binned(points)
     if len(starts) > FINALISTS:
         sketch = binned(np.ascontiguousarray(points[:: max(1, len(points) // SKETCH)]))
-        tried = [_settled(body, start, sketch, expected, ROUGH[::2]) for start in starts]
+        tried = [_settled(body, start, sketch, expected, ROUGH[::2], anyone) for start in starts]
         tried.sort(key=misfit)
         starts = [Start(fit.state, False) for fit in tried[:FINALISTS]]
-    fits = [_settled(body, start, cloud, expected, FINE if start.guessed else (*ROUGH, *FINE)) for start in starts]
+    fits = [_settled(body, start, cloud, expected, FINE if start.guessed else (*ROUGH, *FINE), anyone) for start in starts]
     return min(fits, key=misfit)
 
 
-def _settled(body: ScanBody, start: Start, cloud: Bins, expected: Expected, reaches: Sequence[float]) -> Fit:
+def _settled(
+    body: ScanBody, start: Start, cloud: Bins, expected: Expected, reaches: Sequence[float], anyone: bool
+) -> Fit:
+    expected = replace(expected, shape=start.state.shape) if anyone else expected
     return fit_cloud(body, start.state, cloud, expected, reaches, shaping=True, across=0.1)
 
 

@@ -37,7 +37,7 @@ WITH_FLOOR = 4 * MOST
 """Points of a thinned cloud before its floor is taken away."""
 FEWEST = 100
 """Points of a thinned cloud in which a body can be followed."""
-ALMOST, ENOUGH = 0.06, 0.045
+ALMOST, ENOUGH = 0.06, 0.05
 """Metres of misfit beyond which a frame is not believed, and a new start not."""
 SETTLED = 45
 """Well fitted frames after which the shape stays as it is."""
@@ -217,11 +217,11 @@ class Tracker:
         if len(cloud) < FEWEST:
             return None
         unknown = self._unknown(body, self.memory[0] if self.memory else None)
-        fits = []
+        anyone, fits = self.shape is None and not self.memory, []
         if self.regressor is not None:
-            fits = [best_fit(body, guessed_starts(body, self.regressor(cloud)), cloud, unknown)]
+            fits = [best_fit(body, guessed_starts(body, self.regressor(cloud)), cloud, unknown, anyone)]
         if not fits or misfit(fits[0]) > POOR:
-            fits.append(best_fit(body, stances(body, cloud), cloud, unknown))
+            fits.append(best_fit(body, stances(body, cloud), cloud, unknown, anyone))
         return min(fits, key=misfit)
 
     def _unknown(self, body: ScanBody, memory: Memory | None) -> Expected:
