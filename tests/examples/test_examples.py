@@ -11,8 +11,12 @@ import numpy as np
 import pytest
 
 from retarget.body.human import human
-from retarget.io import load, save
+from retarget.body.skinning import skin_motion
+from retarget.character import PointMotion
+from retarget.geometry.sampling import sample_surface
+from retarget.io import load, save, save_sequence
 from retarget.motion.align import Similarity
+from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -49,7 +53,7 @@ def test_examples_are_short():
 
 @pytest.fixture(scope="module")
 def a_users_folder(tmp_path_factory) -> Path:
-    """What the README's user has: a motion, a character in centimetres, and a bare mesh."""
+    """What the README's user has: a motion, a character in centimetres, a bare mesh, and scans."""
     folder = tmp_path_factory.mktemp("user")
     save(folder / "dance.bvh", human(), [embedded_motion("walk")])
     knight = human(weight=1.0, height=1.8)
@@ -64,6 +68,9 @@ def a_users_folder(tmp_path_factory) -> Path:
     for name, file in (("captures", "dance.bvh"), ("characters", "knight.glb")):
         (folder / name).mkdir()
         (folder / name / file).write_bytes((folder / file).read_bytes())
+    walk = skin_motion(human(), cut(embedded_motion("walk"), 0.0, 0.3))
+    scans = tuple(sample_surface(frame.astype(float), human().mesh.faces, 3000, number) for number, frame in enumerate(walk))
+    save_sequence(folder / "scans", PointMotion(scans))
     return folder
 
 
@@ -92,3 +99,4 @@ def test_the_commands_of_the_readme_run(a_users_folder):
     for words in commands:
         run(a_users_folder, sys.executable, "-m", "retarget", *words)
     assert hips_range(a_users_folder / "knight_dance.glb").max() > 100
+    assert load(a_users_folder / "knight_moves.glb").clips[-1].frames == 10
