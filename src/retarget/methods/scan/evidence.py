@@ -23,6 +23,8 @@ UPRIGHT = ("+y", "+z", "-y", "-z")
 """Up axes that are tried where nobody says, the likeliest first."""
 SURELY = 0.02
 """Metres of misfit at which no other axis is tried."""
+FAR_BETTER = 1.5
+"""How many times better than the likeliest axis another must be: a body is found head down nearly as well as on its feet."""
 SECOND_POINTS, SECOND_TALL = 0.35, 0.5
 """A further piece with so large a share of the first one's points and height is a person of its own."""
 
@@ -63,7 +65,7 @@ def look_at(
         tried[axis] = _fits(frames, axis, unit, regressor)
         if tried[axis] < SURELY:
             break
-    best = min(tried, key=lambda axis: tried[axis])
+    best = min(tried, key=lambda axis: tried[axis] * (1.0 if axis == next(iter(tried)) else FAR_BETTER))
     if tried[best] > ENOUGH:
         raise RetargetError(
             f"nothing like a human body is seen in the {len(frames)} frames that were looked at: the best try is off by "
