@@ -3,13 +3,11 @@ correspondence would give, and the networks of Rekik 2023 where they have been t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from retarget.character import Mesh
 from retarget.evaluate.environment import environment
 from retarget.evaluate.scan_cases import CLOTHED, NAKED, SCANNED, scan_case, scan_cases
 from retarget.evaluate.scan_frames import FEW_POINTS, HALF_VIEW, WHOLE, fitted_errors, regressor_errors, skinning_errors
@@ -25,6 +23,7 @@ from retarget.evaluate.scan_rows import (
     rows_of,
 )
 from retarget.evaluate.scan_split import BENCH_BODIES, BENCH_TARGETS
+from retarget.evaluate.sheet_row import SheetRow, Show
 from retarget.progress import Tell, untold
 
 KINDS = (NAKED, CLOTHED, SCANNED)
@@ -39,19 +38,6 @@ FRAMES, QUICK_FRAMES = 10_000, 300
 """Of the online run whose memory and speed are watched."""
 SAMPLES, QUICK_SAMPLES = 200, 24
 """Clouds on which the regressor is judged alone."""
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A row of a sheet."""
-
-    label: str
-    mesh: Mesh
-    vertices: np.ndarray
-    captions: tuple[str, ...]
-
-
-Show = Callable[[Picture], None]
 
 
 def run(quick: bool = False, tell: Tell = untold, show: Show | None = None) -> dict[str, Any]:
@@ -93,7 +79,7 @@ def _pictures(case: Any, made: list, show: Show) -> None:
     captions = tuple(f"frame {frame}" for frame in frames)
     for row, shown in made:
         if row["method"] in (COPY, OURS, CONTACTS):
-            show(Picture(f"{case.kind}, {case.name}: {row['method']}", case.target.mesh, shown.vertices[frames], captions))
+            show(SheetRow(f"{case.kind}, {case.name}: {row['method']}", case.target.mesh, shown.vertices[frames], captions))
 
 
 def _values(cases: list[dict], key: str, **wanted: Any) -> list[float]:

@@ -3,13 +3,11 @@ transfer (Sumner and Popović 2004) and the paper's own descent (Basset 2019).""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from retarget.character import Mesh
 from retarget.evaluate.environment import environment
 from retarget.evaluate.shape_cases import (
     APART,
@@ -38,6 +36,7 @@ from retarget.evaluate.shape_rows import (
     rows_of,
     sequence_row,
 )
+from retarget.evaluate.sheet_row import SheetRow, Show
 from retarget.progress import Tell, untold
 
 FIGURES = (
@@ -45,19 +44,6 @@ FIGURES = (
     "limb_length_error_percent", "shape_mdel_mm", "new_morphology_contacts", "energy_total",
 )  # fmt: skip
 HEADS = ("kept", "pen %", "excess", "p95 mm", "vol %", "limb %", "edge mm", "new", "energy")
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A row of a sheet."""
-
-    label: str
-    mesh: Mesh
-    vertices: np.ndarray
-    captions: tuple[str, ...]
-
-
-Show = Callable[[Picture], None]
 
 
 def run(quick: bool = False, tell: Tell = untold, show: Show | None = None) -> dict[str, Any]:
@@ -117,10 +103,10 @@ def _pictures(names: tuple[str, str], poses: list, show: Show) -> None:
     case = poses[0][0]
     captions = tuple(each.pose for each, _ in poses)
     source = np.stack([each.posed for each, _ in poses])
-    show(Picture(f"{names[0]}, as performed", case.source.character.mesh, source, captions))
+    show(SheetRow(f"{names[0]}, as performed", case.source.character.mesh, source, captions))
     for number, (method, _) in enumerate(poses[0][1]):
         surfaces = np.stack([made[number][1] for _, made in poses])
-        show(Picture(f"{names[1]}: {method}", case.target.character.mesh, surfaces, captions))
+        show(SheetRow(f"{names[1]}: {method}", case.target.character.mesh, surfaces, captions))
 
 
 def _of(cases: list[dict], **wanted: Any) -> list[dict]:
