@@ -138,8 +138,6 @@ def test_a_live_space_that_is_none_is_refused(wrong):
 @pytest.mark.parametrize("head_down, chosen", [(0.025, "+y"), (0.015, "-y")])
 def test_a_body_is_head_down_only_where_that_fits_far_better(monkeypatch, head_down, chosen):
     """It is found upside down nearly as well as on its feet; .03 stands for noise beyond what ends the search at +y."""
-    from retarget.methods.scan import evidence
-
     misfits = {"+y": 0.03, "+z": 0.04, "-y": head_down, "-z": 0.04}
     monkeypatch.setattr(evidence, "_fits", lambda frames, axis, unit, regressor: misfits[axis])
     seen = evidence.look_at([np.random.default_rng(0).uniform(0, 1.7, (2000, 3))], None, None, 1.0)
