@@ -1,10 +1,12 @@
 """Matching: whatever the names, order, units, axes and rest pose, the same body gives the same joints."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from humanoid_rigs import (
+    PLACES,
     POSES,
     RIGS,
     child_places,
@@ -107,6 +109,15 @@ def test_split_limbs_and_inline_twists():
     for name, joint in (("rigify deform", "DEF-forearm.L.001"), ("daz genesis 8", "lForearmTwist")):
         skeleton, _ = rig(name)
         assert match_humanoid(skeleton).twists[skeleton.index(joint)] == "leftLowerArm"
+
+
+def test_a_second_pelvis_is_no_spine():
+    low = dict(PLACES) | {"spine": (0.0, 0.8, 0.03)}
+    skeleton, _ = rig("mixamo", low)
+    human = match_humanoid(replace(skeleton, names=tuple(n.replace("Spine", "Trunk") for n in skeleton.names)))
+    got = [skeleton.names[human.joints[name]] for name in ("hips", "spine", "chest")]
+    assert got == ["mixamorig:Hips", "mixamorig:Spine1", "mixamorig:Spine2"] and "upperChest" not in human.joints
+    assert named(skeleton, match_humanoid(skeleton))["spine"] == "mixamorig:Spine"  # what is called so is one
 
 
 def test_fingers_of_a_nameless_hand():

@@ -42,6 +42,8 @@ def spine_joints(tree: Tree, names: NameScores, body: Body, hips: int) -> dict[s
         trunk, neck = low, neck[len(low) :]
     elif len(trunk) > 1 and not neck and names.parts["neck"][trunk[-1]] > 0.8:
         trunk, neck = trunk[:-1], trunk[-1:]  # collar bones that hang on the neck (Biped)
+    while len(trunk) > 1 and names.parts["spine"][trunk[0]] < 0.8 and _below_sockets(tree, body, trunk[0]):
+        trunk = trunk[1:]  # a second pelvis, from the crotch up, that the legs do not hang on (Quaternius)
     found = {}
     if trunk:
         found["spine"] = trunk[0]
@@ -52,6 +54,12 @@ def spine_joints(tree: Tree, names: NameScores, body: Body, hips: int) -> dict[s
     if neck:
         found["neck"] = neck[0]
     return found
+
+
+def _below_sockets(tree: Tree, body: Body, joint: int) -> bool:
+    """Whether a joint lies lower than the hip sockets: no spine starts there."""
+    hip, shoulder = body.legs.points(tree, 0).mean(axis=0), body.arms.points(tree, 0).mean(axis=0)
+    return float((tree.positions[joint] - hip) @ body.up) < -0.05 * float(np.linalg.norm(shoulder - hip))
 
 
 def shoulder_joint(tree: Tree, names: NameScores, top: int, limb: Limb) -> int | None:
