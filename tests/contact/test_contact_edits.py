@@ -9,10 +9,19 @@ from test_contact_list import made_contacts
 
 from retarget.body.kinematics import world_pose
 from retarget.casting import cast
-from retarget.contact.contact_edits import LIKELY, UNLIKELY, added_contacts, apply_edits, sharpened, without_effect
+from retarget.contact.contact_edits import (
+    LIKELY,
+    UNLIKELY,
+    added_contacts,
+    apply_edits,
+    let_go,
+    sharpened,
+    without_effect,
+)
 from retarget.contact.contact_file import ContactEdit, ContactEdits
 from retarget.contact.detect import prepare_contacts
 from retarget.contact.parts import PARTS
+from retarget.contact.slim import girth_kept
 from retarget.errors import RetargetError
 from retarget.motion.filter import resample
 from retarget.motion.library import embedded_motion, performer
@@ -70,6 +79,23 @@ def test_keep_strengths_and_kinds():
 
 def test_what_is_hardly_meant_does_not_pull_and_what_likely_is_pulls_in_full():
     assert sharpened(np.array([0.0, 0.2, 0.7, 1.0])).tolist() == [0.0, 0.0, 1.0, 1.0]
+
+
+def test_contacts_of_girth_stay_where_the_target_is_no_slimmer():
+    own = {"abdomen": 0.2, "leftThigh": 0.15, "leftUpperArm": 0.16}
+    kept = girth_kept(own, own | {"leftThigh": 0.12, "leftUpperArm": 0.20})
+    at = {name: PARTS.index(name) for name in ("leftHand", "leftThigh", "abdomen", "leftUpperArm", "head")}
+    assert kept[at["leftHand"], at["leftThigh"]] == 0 == kept[at["leftThigh"], at["leftHand"]], "a slimmer thigh"
+    assert kept[at["leftHand"], at["abdomen"]] == 1 and kept[at["abdomen"], at["leftUpperArm"]] == 1
+    assert kept[at["leftHand"], at["head"]] == 0, "nothing is known of them"
+
+    rows = ("leftHand", "leftThigh", 0.0, 0.0), ("leftHand", "abdomen", 0.0, 0.0), ("leftHand", "abdomen", 0.0, 1.0)
+    contacts = made_contacts(*((0, number, *row) for number, row in enumerate(rows)))
+    assert apply_edits(contacts, ContactEdits(), FPS, girth=kept).tolist() == [0, 1, 1]
+    assert let_go(contacts, ContactEdits(), kept) == 1 and let_go(contacts, ContactEdits(), None) == 2
+    said = ContactEdits(strength=(("girth", 0.0),))
+    assert apply_edits(contacts, said, FPS, girth=kept).tolist() == [0, 0, 1], "a file's word goes before"
+    assert let_go(contacts, said, kept) == 2
 
 
 def test_an_added_contact_joins_the_same_points_on_every_frame():

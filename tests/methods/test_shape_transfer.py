@@ -196,6 +196,7 @@ def test_contacts_of_the_source_s_girth_are_counted():
     walk = cut(prepared(actor(), heavy, CopyRotations())(embedded_motion("walk")).motion, 0.0, 0.2)
     stats = prepared(heavy, actor(), ShapeTransfer()).retargeter(walk).stats
     assert 0 < stats["contacts_of_its_girth"] <= stats["contacts_of_the_source"]
+    assert stats["contacts_let_go"] == stats["contacts_of_its_girth"], "a thin target is slimmer everywhere"
     assert moved("heavy").stats["contacts_of_its_girth"] == 0
 
 

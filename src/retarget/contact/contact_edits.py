@@ -39,8 +39,15 @@ class AddedContacts:
     weight: Float[Array, "rows"]
 
 
-def apply_edits(contacts: Contacts, edits: ContactEdits, fps: float, start: float = 0.0) -> Float[Array, "rows"]:
-    """A weight for every row of `contacts`. Without edits p, the probability that the pose means it, `sharpened`.
+def apply_edits(
+    contacts: Contacts,
+    edits: ContactEdits,
+    fps: float,
+    start: float = 0.0,
+    girth: Float[Array, "parts parts"] | None = None,
+) -> Float[Array, "rows"]:
+    """A weight for every row of `contacts`. Without edits p, the probability that the pose means it, `sharpened`; with `girth`,
+    what contacts of girth between two parts weigh as long as no edit says so, p + (1 - p) girth.
 
     'auto' is p pose + (1 - p) girth with the strengths of these kinds (1 and 0 unless given), 'keep' is 1, 'release' 0;
     the last entry that speaks of a row counts. The entry's strength multiplies, and so does, once, each line of
@@ -48,7 +55,8 @@ def apply_edits(contacts: Contacts, edits: ContactEdits, fps: float, start: floa
     """
     probability = sharpened(contacts.tracks.pose_probability)[contacts.track]
     own = contacts.tracks.own_part[contacts.track]
-    auto = probability * edits.kind("pose") + (1.0 - probability) * edits.kind("girth")
+    of_girth = _of_girth(edits, own, contacts.part, girth)
+    auto = probability * edits.kind("pose") + (1.0 - probability) * of_girth
     weight = auto.copy()
     for edit in edits.edits:
         if edit.does == "add":
@@ -57,6 +65,20 @@ def apply_edits(contacts: Contacts, edits: ContactEdits, fps: float, start: floa
         weight[chosen] = edit.strength * {"auto": auto[chosen], "keep": 1.0, "release": 0.0}[edit.does]
     strength = np.array([[edits.of_pair((one, other)) for other in PARTS] for one in PARTS])
     return weight * strength[own, contacts.part]
+
+
+def let_go(contacts: Contacts, edits: ContactEdits, girth: Float[Array, "parts parts"] | None) -> int:
+    """How many of the tracked contacts belong to the performer's girth and are not kept (by half, or more); what single
+    entries of `edits` say does not count."""
+    tracks = contacts.tracks
+    kept = _of_girth(edits, tracks.own_part, tracks.part, girth)
+    return int(((tracks.pose_probability < 0.5) & (kept < 0.5)).sum())
+
+
+def _of_girth(edits: ContactEdits, own: Array, other: Array, girth: Array | None) -> Float[Array, "rows"]:
+    """What a contact of girth weighs, for each pair of parts."""
+    given = girth is None or edits.speaks_of("girth")
+    return np.full(len(own), edits.kind("girth")) if given else girth[own, other]
 
 
 def sharpened(probability: Float[Array, "*rows"]) -> Float[Array, "*rows"]:

@@ -118,6 +118,10 @@ class ContactEdits:
         """Strength of 'pose', 'girth' or 'ground'."""
         return dict(self.strength).get(name, KINDS[name])
 
+    def speaks_of(self, name: str) -> bool:
+        """Whether a strength of 'pose', 'girth' or 'ground' is given."""
+        return name in dict(self.strength)
+
     def of_pair(self, parts: Collection[str]) -> float:
         """What the lines of groups and parts multiply a contact of two parts with: each line in which one of the two takes
         part, once."""

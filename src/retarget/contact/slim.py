@@ -49,6 +49,23 @@ def girths(character: Character, humanoid: Humanoid, parts: BodyParts) -> dict[s
     return found
 
 
+SLIMMER = 0.95
+"""Ratio of girths down to which nothing is slimmer for good, and contacts of girth are let go."""
+
+
+def girth_kept(source: dict[str, float], target: dict[str, float]) -> Float[Array, "parts parts"]:
+    """What contacts of the source's girth weigh on the target, for two parts that touch: nothing where it is slimmer there
+    (Basset 2019, section 8), all where it is not. From `girths` of both; parts without one (hands, feet, the head) leave it
+    to the other, and two of them keep nothing."""
+    ratio = np.full(len(PARTS), np.nan)
+    for part in source.keys() & target.keys():
+        ratio[PARTS.index(part)] = target[part] / max(source[part], 1e-9)
+    known = ~np.isnan(ratio)
+    ratio, count = np.where(known, ratio, 0.0), known.astype(np.float64)
+    mean = (ratio[:, None] + ratio) / np.maximum(count[:, None] + count, 1.0)
+    return np.where(count[:, None] + count > 0, np.clip((mean - SLIMMER) / (1.0 - SLIMMER), 0.0, 1.0), 0.0)
+
+
 def arm_radius(character: Character, humanoid: Humanoid, parts: BodyParts) -> float:
     """Mean distance of the skin of upper arms and forearms from their bones, metres (Ye 2024 measures by it and leaves
     open how it is found)."""

@@ -108,9 +108,9 @@ def without_girth(case: ShapeCase, contacts: SourceContacts) -> SourceContacts:
     rows = rows[found.frame[rows] == case.frame]
     own = touch.parts.vertex_parts
     meant = {tuple(sorted(pair)) for pair in zip(own[found.vertex[rows]].tolist(), found.part[rows].tolist())}
-    pairs = zip(own[contacts.first].tolist(), own[contacts.second].tolist())
+    pairs = zip(own[contacts.first].tolist(), contacts.part.tolist())
     kept = np.array([tuple(sorted(pair)) in meant for pair in pairs], dtype=bool)
-    return replace(contacts, first=contacts.first[kept], second=contacts.second[kept])
+    return replace(contacts, first=contacts.first[kept], second=contacts.second[kept], part=contacts.part[kept])
 
 
 def ablations(case: ShapeCase) -> Iterator[dict[str, Any]]:

@@ -35,6 +35,8 @@ class SourceContacts:
     first: Int[Array, "contacts"]
     second: Int[Array, "contacts"]
     """Couples: a vertex, and the vertex of the other part that is nearest to it."""
+    part: Int[Array, "contacts"]
+    """The other part."""
     floor: float
     """Height of the ground, metres."""
     ground: Int[Array, "grounded"]
@@ -47,28 +49,31 @@ class SourceContacts:
 
 def source_contacts(
     collider: Collider,
+    faces: Int[Array, "faces 3"],
     rest: Float[Array, "vertices 3"],
     posed: Float[Array, "vertices 3"],
     threshold: float,
     floor: float,
     before: tuple[Int[Array, "_"], Float[Array, "vertices 3"]] | None = None,
 ) -> SourceContacts:
-    """Contacts of a posed source (metres; up is +Y). `before` are the vertices at ground level on the frame before and where
-    that frame's result has all vertices: what stays at ground level is then held in its place."""
+    """Contacts of a posed source (metres; up is +Y). A couple's second vertex is the nearest one of the surface that was found
+    near, which is any corner of the other part's faces: at a seam those that its neighbour owns, too. `before` are the
+    vertices at ground level on the frame before and where that frame's result has all vertices: what stays at ground level
+    is then held in its place."""
     from scipy.spatial import cKDTree
 
-    pairs = collider.pairs(posed, threshold)
+    pairs, parts = collider.pairs(posed, threshold), collider.parts
     touching = np.abs(pairs.distance) <= threshold
     first, part = pairs.vertex[touching], pairs.part[touching]
     second = np.full(len(first), -1)
     for other in np.unique(part):
-        own = np.flatnonzero((collider.parts.vertex_parts == other) & collider.parts.body_vertices)
+        own = np.unique(parts.welded[faces[(parts.face_parts == other) & parts.body_faces]])
         second[part == other] = own[cKDTree(posed[own]).query(posed[first[part == other]])[1]]
     apart = np.linalg.norm(rest[first] - rest[second], axis=1) >= FOLD * threshold
-    ground = np.flatnonzero((np.abs(posed[:, UP] - floor) <= threshold) & collider.parts.body_vertices)
+    ground = np.flatnonzero((np.abs(posed[:, UP] - floor) <= threshold) & parts.body_vertices)
     stayed, places = (np.zeros(0, dtype=np.int64), posed) if before is None else before
     held = np.flatnonzero(np.isin(ground, stayed))
-    return SourceContacts(threshold, first[apart], second[apart], floor, ground, held, places[ground[held]])
+    return SourceContacts(threshold, first[apart], second[apart], part[apart], floor, ground, held, places[ground[held]])
 
 
 def repulsion(

@@ -152,7 +152,9 @@ class ShapeTransferReference:
         if not np.isfinite(floor):
             raise RetargetError(f"the floor is a height in metres, received {floor}")
         last = None if before is None else (before.contacts.ground, before.vertices)
-        return source_contacts(self.source_collider, self.source_rest, posed, self.threshold, float(floor), last)
+        return source_contacts(
+            self.source_collider, self.faces, self.source_rest, posed, self.threshold, float(floor), last
+        )
 
     def energy(self, vertices: Float[Array, "vertices 3"], contacts: SourceContacts) -> dict[str, float]:
         """Equation 1 of any vertices, this reference's or another method's: each of `TERMS`, and their 'total'.

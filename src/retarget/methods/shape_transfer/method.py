@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from retarget.contact.contact_file import ContactEdits
+from retarget.contact.slim import girth_kept, girths
 from retarget.errors import RetargetError
 from retarget.methods.base import Method
 from retarget.methods.shape_transfer.flesh import prepare_flesh
@@ -39,7 +40,7 @@ class ShapeTransfer(CopySettings, Method):
     """What a contacts file asks for."""
     volumes: bool = True
     """Keep the volume of every part of the target."""
-    relax: int = 6
+    relax: int = 12
     """Steps of the paper towards the target's local offsets, against creases; with none, a body given its own shape keeps
     every crease of its skin."""
     flesh: bool = True
@@ -58,6 +59,9 @@ class ShapeTransfer(CopySettings, Method):
         edits = self.contacts or ContactEdits()
         goals, solver = prepare_touch(source, target, self.weights, edits)
         equations = solver.equations
+        parts = goals.detector.collider.parts, equations.collider.parts
+        girth = [girths(each.character, each.humanoid, own) for each, own in zip((source, target), parts)]
+        goals = replace(goals, girth_kept=girth_kept(*girth))
         shape = prepare_shape(source, target, equations.collider, self.volumes)
         flesh = None
         if self.flesh:

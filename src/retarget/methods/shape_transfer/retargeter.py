@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Shaped
 from retarget.body.kinematics import forward, local_positions, world_pose
 from retarget.body.skinning import skin_motion
 from retarget.character import MeshMotion, Motion, Pose
-from retarget.contact.contact_edits import without_effect
+from retarget.contact.contact_edits import let_go, without_effect
 from retarget.errors import RetargetError
 from retarget.geometry.bridging import bridged, is_finite
 from retarget.methods.base import Result, Retargeter
@@ -114,6 +114,7 @@ class PreparedShapeTransfer(Retargeter):
         stats = copied.stats | {
             "contacts_of_the_source": len(found.tracks.vertex),
             "contacts_of_its_girth": int((found.tracks.pose_probability < 0.5).sum()),
+            "contacts_let_go": let_go(found, self.goals.edits.of_clip(motion.name), self.goals.girth_kept),
             **corrections(equations, x, seconds),
             **left,
             **self._residual(made, vertices),

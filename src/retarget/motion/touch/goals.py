@@ -178,6 +178,8 @@ class GoalMaker:
     size: float
     """Height of the target over the performer's."""
     edits: ContactEdits
+    girth_kept: Float[Array, "parts parts"] | None = None
+    """What contacts of the performer's girth weigh between two parts, where `edits` do not say; None for nothing."""
 
     @cached_property
     def girth(self) -> float:
@@ -194,7 +196,8 @@ class GoalMaker:
         pose, fps, frames = world_pose(performed), performed.fps, len(performed)
         contacts, edits = self.detector.clip(*pose, fps), self.edits.of_clip(performed.name)
         distances = self._distances(contacts)
-        weight = apply_edits(contacts, edits, fps) * self._closeness(distances) * self._meant(contacts, pose[1])
+        weight = apply_edits(contacts, edits, fps, girth=self.girth_kept)
+        weight *= self._closeness(distances) * self._meant(contacts, pose[1])
         count = self.detector.thinned.stands_for[contacts.vertex]
         rows = [contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight, count]
         added = added_contacts(edits, self.detector, *pose, fps)
@@ -221,7 +224,8 @@ class GoalMaker:
         contacts = self.detector.clip(*pose, performed.fps)
         distances = self._distances(contacts)
         closeness = np.clip(1.0 - np.abs(distances) / self.detector.threshold, 0.0, 1.0) ** 2
-        weight = apply_edits(contacts, edits, performed.fps, seconds) * closeness * self._meant(contacts, pose[1])
+        weight = apply_edits(contacts, edits, performed.fps, seconds, self.girth_kept)
+        weight *= closeness * self._meant(contacts, pose[1])
         count = self.detector.thinned.stands_for[contacts.vertex]
         rows = self._rows(
             1, contacts.frame, contacts.vertex, contacts.face, contacts.barycentric, self._gap(distances), weight, count
