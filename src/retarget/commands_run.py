@@ -350,6 +350,8 @@ def correction_lines(stats: Mapping[str, Any]) -> Iterator[str]:
         yield f"  the source is up to {stats['source_inside_itself_cm']:.1f} cm inside itself; that may stay, no deeper"
     if stats.get("contacts_of_its_girth"):
         whole, girth = stats["contacts_of_the_source"], stats["contacts_of_its_girth"]
-        yield f"  {girth} of {whole} points that touch do so by the source's girth, not by its pose: they do not pull"
+        gone = stats.get("contacts_let_go", girth)
+        pull = "they do not pull" if gone == girth else f"{gone}, where the target is slimmer, do not pull"
+        yield f"  {girth} of {whole} points that touch do so by the source's girth, not by its pose: {pull}"
     for note in stats.get("stand_in", ()):
         yield f"  {note}"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int, Integer
+from jaxtyping import Bool, Float, Int, Integer
 
 from retarget.body import rotations as rot
 from retarget.body.human import human, human_model
@@ -35,9 +35,15 @@ GARMENTS = {
     "shins": (11, 19), "shoes": (12, 13, 20, 21), "hair": (),
 }  # fmt: skip
 """What may be worn, and by the skin of which joints; hair by the back and top of the head."""
+HUNG_AROUND = ("pelvis", "Thigh", "Shin", "abdomen", "chest")
+"""Parts of the body that skirts and coats reach around."""
 USUAL, LOOSEST = (0.0, 0.7, 0.7, 0.4, 0.8, 0.6, 0.7, 0.5), (0.0, 0.04, 0.035, 0.035, 0.04, 0.04, 0.02, 0.07)
 """Chance of each garment on a dressed body, and how far it stands off at most (metres on a body 1.7 m tall)."""
-SORTS = ("clean", "noise", "holes", "half", "cloth", "sparse")
+SKIRT = 0.35
+"""Share of dressed bodies with a skirt, or a coat."""
+LEVELS, AROUND = 16, 24
+"""Of the table of how far a body reaches out: heights from the chest to the ground, and directions."""
+SORTS = ("clean", "noise", "holes", "half", "cloth", "sparse", "skirt")
 """What clouds are tested on: one trouble at a time."""
 
 
@@ -52,11 +58,15 @@ class Wardrobe:
     garments: Integer[Array, "bodies samples"]
     joints: Float[Array, "bodies joints 3"]
     heights: Float[Array, "bodies"]
+    reaches: Float[Array, "bodies levels around"]
+    """Metres from the body's axis to its trunk's and legs' hull, from the chest's height down to the ground."""
+    axes: Float[Array, "bodies 5"]
+    """x and z of that axis, heights (metres) of chest, waist and ground."""
 
 
 def bake_bodies(seeds: Sequence[int], cache: Path | None = None) -> Wardrobe:
     """The bodies of these seeds of `scan_split.drawn_shape`; taken from the folder `cache` where it has them."""
-    path = None if cache is None else cache / f"bodies_{seeds[0]}_{seeds[-1]}_{len(seeds)}.npz"
+    path = None if cache is None else cache / f"reaching_bodies_{seeds[0]}_{seeds[-1]}_{len(seeds)}.npz"
     if path is not None and path.exists():
         with np.load(path) as stored:
             return Wardrobe(**{name: stored[name] for name in stored.files})
@@ -92,8 +102,24 @@ def _baked(seed: int) -> tuple[Array, ...]:
     joints = model.joints(vertices)
     return (
         rest.astype(np.float32), normal.astype(np.float32), columns.astype(np.uint8), kept.astype(np.float32),
-        _garments(rest, columns[:, 0], vertices), joints, np.array(height),
+        _garments(rest, columns[:, 0], vertices), joints, np.array(height), *_reaches(vertices, height),
     )  # fmt: skip
+
+
+def _reaches(vertices: Array, height: float) -> tuple[Array, Array]:
+    """What hangs around a body hangs around this, as in `geometry.clothes`."""
+    model = human_model()
+    names = [name.removeprefix("left").removeprefix("right") for name in model.part_names]
+    own = vertices[np.isin(model.vertex_parts, [n for n, name in enumerate(names) if name in HUNG_AROUND])]
+    middle = own.mean(axis=0)
+    chest, waist = (vertices[model.landmark(name)][1] for name in ("chest", "navel"))
+    angles = np.linspace(-np.pi, np.pi, AROUND, endpoint=False)
+    toward, apart = np.stack([np.sin(angles), np.cos(angles)]), own[:, [0, 2]] - middle[[0, 2]]
+    reach = np.zeros((LEVELS, AROUND))
+    for row, level in enumerate(np.linspace(chest, vertices[:, 1].min(), LEVELS)):
+        near = np.abs(own[:, 1] - level) < 0.03 * height
+        reach[row] = (apart[near] @ toward).max(axis=0, initial=0.0)
+    return reach.astype(np.float32), np.array([middle[0], middle[2], chest, waist, vertices[:, 1].min()])
 
 
 def _garments(rest: Array, owner: Array, vertices: Array) -> Array:
@@ -132,7 +158,8 @@ class CloudMaker:
         chance = draw.normal(size=1 << 16).astype(np.float32)
         middles = scan_all(
             draw.integers(1 << 31, size=count), chosen, own.rests, own.normals, own.columns, own.weights, own.garments,
-            *look[:2], transforms, *look[2:], chance, CELL, *clouds, boxes, blocks,
+            *look[:2], transforms, *look[2:4], *_skirts(own, chosen, look[-1], draw), *look[4:-1], chance, CELL, *clouds, boxes,
+            blocks,
         )  # fmt: skip
         found = Clouds(*clouds, boxes, blocks, middles)
         return found, Bodies((places - middles[:, None]).astype(np.float32), turns.astype(np.float32))
@@ -152,7 +179,7 @@ class CloudMaker:
 
 
 def _look(own: Wardrobe, chosen: Int[Array, "count"], draw: np.random.Generator, sort: str) -> tuple[Array, ...]:
-    """How each body is dressed and scanned: what `scan_all` takes, from `starts` on."""
+    """How each body is dressed and scanned: what `scan_all` takes, from `starts` on but for skirts, and who wears one."""
     count = len(chosen)
 
     def mostly(share: float) -> Array:
@@ -164,8 +191,9 @@ def _look(own: Wardrobe, chosen: Int[Array, "count"], draw: np.random.Generator,
         "cloth": ~plain & mostly(0.55), "sparse": mostly(0.25), "strays": ~plain & mostly(0.25),
     }  # fmt: skip
     if sort:
-        wanted = {sort} | ({"noise"} if sort == "half" else set())
+        wanted = {sort} | ({"noise"} if sort == "half" else {"cloth"} if sort == "skirt" else set())
         troubles = {name: np.full(count, name in wanted) for name in troubles}
+    skirts = troubles["cloth"] & (mostly(SKIRT) if not sort else sort == "skirt")
     vertices = mostly(0.3) & ~troubles["half"]
     starts = np.where(vertices, SAMPLES, 0)
     ends = np.where(vertices, own.rests.shape[1], SAMPLES)
@@ -183,8 +211,31 @@ def _look(own: Wardrobe, chosen: Int[Array, "count"], draw: np.random.Generator,
     floor = np.where(troubles["strays"] & mostly(0.5), draw.integers(20, FLOOR, count), 0)
     return (
         starts, ends, loose.astype(np.float32), waves.astype(np.float32), cameras, views, holes,
-        draw.uniform(0.04, 0.14, count).astype(np.float32), noise.astype(np.float32), wanted, strays, floor,
+        draw.uniform(0.04, 0.14, count).astype(np.float32), noise.astype(np.float32), wanted, strays, floor, skirts,
     )  # fmt: skip
+
+
+def _skirts(
+    own: Wardrobe, chosen: Int[Array, "count"], worn: Bool[Array, "count"], draw: np.random.Generator
+) -> tuple[Array, Array]:
+    """Skirts and coats of the bodies that wear one, drawn as `geometry.clothes.random_outfit` does: how far each stands from the
+    body's axis (count x levels x around), and x and z of that axis, heights of chest and ground, where it begins and ends."""
+    count, size = len(chosen), own.heights[chosen] / 1.7
+    middle_x, middle_z, chest, waist, ground = own.axes[chosen].T
+    coat = draw.random(count) < 0.35
+    begin = np.where(coat, chest, waist)
+    end = waist - draw.uniform(0.3, 0.9, count) * (waist - ground) * 0.95
+    heights = chest[:, None] + (ground - chest)[:, None] * np.linspace(0.0, 1.0, LEVELS)
+    hung = np.where((heights <= begin[:, None] + 1e-3)[..., None], own.reaches[chosen], 0.0)
+    down = np.clip((begin[:, None] - heights) / (begin - end)[:, None], 0.0, 1.0)
+    angles = np.linspace(-np.pi, np.pi, AROUND, endpoint=False)
+    folds = np.sin(angles * draw.integers(5, 12, count)[:, None] + draw.uniform(0, 2 * np.pi, (count, 1)))
+    folds *= draw.uniform(0.1, 0.35, (count, 1))
+    flare, ease = draw.uniform(0.02, 0.25, count), np.where(coat, 0.012, 0.006)
+    away = ease[:, None, None] + (flare[:, None] * down**1.2)[..., None] * (1.0 + folds[:, None])
+    reach = np.maximum.accumulate(hung, axis=1) + size[:, None, None] * away
+    end = np.where(worn, end, begin + 1.0)
+    return reach.astype(np.float32), np.stack([middle_x, middle_z, chest, ground, begin, end], axis=1).astype(np.float32)
 
 
 def _cameras(count: int, draw: np.random.Generator) -> tuple[Array, Array]:

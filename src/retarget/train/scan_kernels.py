@@ -16,10 +16,33 @@ MANY = 30_000
 """Room for the points of a cloud, before it is thinned."""
 
 
+HANGING = (False, True, False, False, True, True, False, False)
+"""By the numbers of `data.GARMENTS`: of whose samples skirts and coats are made."""
+
+
 @njit(fastmath=True, **OPTIONS)
-def _pose(first, count, rest, normals, columns, weights, garments, transforms, loose, wave, turned, places, facings):
+def _hung(reach, span, x, y, z):
+    """How far (metres) what hangs around the body stands from its axis at the height and in the direction of a sample, and the
+    direction (x, z). `reach` (levels x around) and `span` are one body's of `data._skirts`."""
+    dx, dz = x - span[0], z - span[1]
+    away = max(np.sqrt(dx * dx + dz * dz), np.float32(1e-6))
+    levels, around = reach.shape
+    level = min(max((span[2] - y) / (span[2] - span[3]), np.float32(0.0)), np.float32(1.0)) * (levels - 1)
+    place = (np.arctan2(dx, dz) / (2.0 * np.pi) + 0.5) * around
+    low, left = min(int(level), levels - 2), int(place)
+    down, right = level - low, place - left
+    left, beside = left % around, (left + 1) % around
+    above = reach[low, left] + right * (reach[low, beside] - reach[low, left])
+    below = reach[low + 1, left] + right * (reach[low + 1, beside] - reach[low + 1, left])
+    return above + down * (below - above), dx / away, dz / away, away
+
+
+@njit(fastmath=True, **OPTIONS)
+def _pose(
+    first, count, rest, normals, columns, weights, garments, transforms, loose, wave, reach, span, turned, places, facings
+):
     """Linear blend skinning of so many samples from the `first` one on, in the round, moved along their normals before by what
-    is worn; `transforms` (joints x 12) by rows. `facings` only where `turned`."""
+    is worn, and out to the skirt that hides them; `transforms` (joints x 12) by rows. `facings` only where `turned`."""
     blend = np.empty(12, dtype=np.float32)
     for i in range(count):
         s = (first + i) % len(rest)
@@ -30,6 +53,10 @@ def _pose(first, count, rest, normals, columns, weights, garments, transforms, l
             folds = np.sin(wave[0] * x + wave[3]) * np.sin(wave[1] * y + wave[4]) * np.sin(wave[2] * z + wave[5])
             offset *= np.float32(0.65) + np.float32(0.35) * folds
             x, y, z = x + offset * u, y + offset * v, z + offset * w
+        if span[5] < y < span[4] and HANGING[garments[s]]:
+            out, u, w, away = _hung(reach, span, x, y, z)
+            out, v = max(out, away), np.float32(0.0)
+            x, z = span[0] + out * u, span[1] + out * w
         for entry in range(12):
             blend[entry] = 0.0
         for k in range(columns.shape[1]):
@@ -77,13 +104,13 @@ def _see(points, facings, count, cameras, seen):
 
 @njit(**OPTIONS)
 def scan(
-    seed, rest, normals, columns, weights, garments, transforms, loose, wave, cameras, holes, hole, noise, wanted, strays, floor,
-    chance, points,
+    seed, rest, normals, columns, weights, garments, transforms, loose, wave, reach, span, cameras, holes, hole, noise, wanted,
+    strays, floor, chance, points,
 ):  # fmt: skip
     """One cloud of a body, into `points`; returns how many there are.
 
     `rest`, `normals`, `columns`, `weights`: the body's samples at rest, in random order; `garments` what is worn there (the
-    index into `loose`, metres), `wave` how it folds. `cameras` (n x 3): directions to cameras, none where all is seen. `holes`
+    index into `loose`, metres), `wave` how it folds, `reach` and `span` what hangs around it. `cameras` (n x 3): directions to cameras, none where all is seen. `holes`
     of radius `hole`, `noise` (standard deviation) in numbers from the table `chance` (normal, 2^n of them), `wanted` points at
     most before `strays` (a share) are added anywhere, and points on the `floor` around the feet (their number).
     """
@@ -93,8 +120,8 @@ def scan(
     places = np.empty((every, 3), dtype=np.float32)
     facings = np.empty((every, 3), dtype=np.float32)
     _pose(
-        np.random.randint(total), every, rest, normals, columns, weights, garments, transforms, loose, wave, len(cameras) > 0,
-        places, facings,
+        np.random.randint(total), every, rest, normals, columns, weights, garments, transforms, loose, wave, reach, span,
+        len(cameras) > 0, places, facings,
     )  # fmt: skip
     seen = np.ones(every, dtype=np.bool_)
     if len(cameras):
@@ -140,8 +167,8 @@ def scan(
 
 @njit(**OPTIONS)
 def scan_all(
-    seeds, bodies, rests, normals, columns, weights, garments, starts, ends, transforms, loose, waves, cameras, camera_counts,
-    holes, hole, noise, wanted, strays, floor, chance, cell, places, firsts, boxes, blocks,
+    seeds, bodies, rests, normals, columns, weights, garments, starts, ends, transforms, loose, waves, reaches, spans, cameras,
+    camera_counts, holes, hole, noise, wanted, strays, floor, chance, cell, places, firsts, boxes, blocks,
 ):  # fmt: skip
     """Clouds of many bodies, thinned to one point a `cell`, laid out for the search about their middles, which are returned."""
     points = np.empty((MANY, 3), dtype=np.float32)
@@ -151,8 +178,8 @@ def scan_all(
         body, start, end = bodies[number], starts[number], ends[number]
         count = scan(
             seeds[number], rests[body, start:end], normals[body, start:end], columns[body, start:end], weights[body, start:end],
-            garments[body, start:end], transforms[number], loose[number], waves[number], cameras[number, : camera_counts[number]],
-            holes[number], hole[number], noise[number], wanted[number], strays[number], floor[number], chance, points,
+            garments[body, start:end], transforms[number], loose[number], waves[number], reaches[number],
+            spans[number], cameras[number, : camera_counts[number]], holes[number], hole[number], noise[number], wanted[number], strays[number], floor[number], chance, points,
         )  # fmt: skip
         origin[:] = 0.0
         for i in range(count):
