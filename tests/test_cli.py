@@ -53,6 +53,24 @@ def test_one_motion_onto_one_character(made, tmp_path, command):
     assert np.ptp(path[:, 2]) == pytest.approx(1.05, rel=0.15)
 
 
+def test_contacts_can_be_left_alone(made, tmp_path, command):
+    for name, options in (("a", QUICK), ("b", ("--no-repair-contacts",))):
+        code, _, err = command("run", made / "stand.bvh", made / "heavy.glb", "-o", tmp_path / f"{name}.glb", *options)
+        assert (code, err) == (0, "")
+    assert (tmp_path / "a.glb").read_bytes() == (tmp_path / "b.glb").read_bytes()
+    both = ("--no-repair-contacts", "--method", "interaction")
+    code, _, err = command("run", made / "stand.bvh", made / "heavy.glb", "-o", tmp_path / "c.glb", *both)
+    assert code == 2 and "--no-repair-contacts and --method interaction contradict each other" in err
+    assert not (tmp_path / "c.glb").exists()
+
+
+def test_bodies_on_one_rig_may_get_equal_rotations(made, tmp_path, command):
+    alone = (*QUICK, "--no-foot-lock", "--no-steady", "--one-rig")
+    assert command("run", made / "two.glb", made / "heavy.glb", "--clip", "one", "-o", tmp_path / "a.glb", *alone)[0] == 0
+    wanted, found = (load(path).motion("one").rotations for path in (made / "two.glb", tmp_path / "a.glb"))
+    np.testing.assert_allclose(np.abs((wanted * found).sum(axis=-1)), 1.0, atol=1e-5)
+
+
 def test_json_is_one_object_and_nothing_else(made, tmp_path, command):
     code, out, err = command("run", made / "walk.bvh", made / "heavy.glb", "-o", tmp_path / "out.glb", "--json")
     report = json.loads(out)

@@ -10,6 +10,7 @@ from retarget.body.skinning import rest_vertices
 from retarget.character import Character, Mesh, Motion, PointCloud
 from retarget.correspond.joints import REQUIRED_JOINTS, Humanoid, humanoid_from_names, match_humanoid
 from retarget.errors import FileError, MatchError, RetargetError
+from retarget.geometry.riding import Riders, place_riders
 from retarget.io import load
 from retarget.io.asset import Asset, Convention
 from retarget.motion.align import Actor, make_actor
@@ -48,7 +49,7 @@ def cast(
     humanoid, `FileError` for a file without body, and `RetargetError` where a bare mesh cannot be rigged with certainty.
     """
     hints = hints or Hints()
-    named, made = None, ()
+    named, made, cloud = None, (), None
     if isinstance(subject, Character):
         character, convention = subject, Convention(1.0, "+y")
     else:
@@ -59,29 +60,32 @@ def cast(
         if asset is not None and asset.character is not None:
             character, convention, named = asset.character, asset.convention, asset.humanoid
         elif bare is not None:
-            character, made = _rigged(bare, asset, hints, tell)
+            character, made, cloud = _rigged(bare, asset, hints, tell)
             convention, hints = Convention(1.0, "+y"), replace(hints, up=None, unit=None)
         else:
             raise FileError(asset.path, f"holds a {asset.kind}; a character, a mesh or a skeleton is needed")
     humanoid, notes = _humanoid(character, hints.joints, named)
     surface = rest_vertices(character) if character.skin is not None else None
     actor = make_actor(character, humanoid, convention, motion, up=hints.up, unit=hints.unit, rest_surface=surface)
-    return replace(actor, notes=(*made, *notes, *actor.notes))
+    return replace(actor, notes=(*made, *notes, *actor.notes), cloud=cloud)
 
 
 def _rigged(
     bare: Mesh | PointCloud, asset: Asset | None, hints: Hints, tell: Tell
-) -> tuple[Character, tuple[str, ...]]:
-    """A bare body with the embedded human's rig, in metres with +Y up, and what was found of it."""
-    from retarget.rig.rigging import rig
+) -> tuple[Character, tuple[str, ...], Riders | None]:
+    """A bare body with the embedded human's rig, in metres with +Y up, what was found of it, and where a cloud's points lie on
+    its surface."""
+    from retarget.rig.rigging import as_mesh, rig
 
     unit = hints.unit or (asset.convention.metres_per_unit if asset is not None else None)
     try:
-        found = rig(bare, unit=unit, tell=tell)
+        mesh = as_mesh(bare, tell)
+        found = rig(mesh, unit=unit, tell=tell)
     except RetargetError as error:
         raise (error if asset is None else FileError(asset.path, str(error))) from None
     name = found.character.name if asset is None else asset.path.stem
-    return replace(found.character, name=name), (f"rigged with confidence {found.confidence:.2f}", *found.notes)
+    cloud = place_riders(bare.points, mesh.vertices, mesh.faces, found.unit) if isinstance(bare, PointCloud) else None
+    return replace(found.character, name=name), (f"rigged with confidence {found.confidence:.2f}", *found.notes), cloud
 
 
 def _humanoid(

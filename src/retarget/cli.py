@@ -112,12 +112,27 @@ def run(
     in_place: InPlace = False,
     foot_lock: FootLock = True,
     steady: Steady = True,
+    repair_contacts: Annotated[
+        bool,
+        typer.Option(
+            "--repair-contacts/--no-repair-contacts",
+            help="Keep contacts and take out penetration (method auto); without, rotations are copied.",
+        ),
+    ] = True,
+    one_rig: Annotated[
+        Optional[bool],
+        typer.Option(
+            "--one-rig/--no-one-rig",
+            help="Give bodies on one rig equal rotations, or make limbs point the same way; the first for captures.",
+            show_default=False,
+        ),
+    ] = None,
     animation_only: AnimationOnly = False,
     surface: Annotated[
         bool,
         typer.Option(
             "--surface",
-            help="Write the moving surface itself, exact to the vertex and without a skeleton: .glb (morph targets), .npz, .usd, .abc or a folder.",
+            help="Write the moving surface itself, exact to the vertex and without a skeleton: .glb (morph targets), .npz, .usd, .abc or a folder; of a character that is a cloud its points: .glb, .npz or a folder.",
         ),
     ] = False,
     contacts_file: ContactsFile = None,
@@ -146,9 +161,12 @@ def run(
 
     if len(inputs) < 2:
         raise RetargetError(f"give at least one motion and, last, the character; received only {inputs[0]}")
+    settings = {"in_place": in_place, "foot_lock": foot_lock, "steady": steady}
+    if one_rig is not None:
+        settings["one_rig"] = one_rig
     order = Order(
         motions=tuple(inputs[:-1]), target=inputs[-1], output=output, clip=clip, all_clips=all_clips, start=start, end=end,
-        fps=fps, method=method, settings={"in_place": in_place, "foot_lock": foot_lock, "steady": steady},
+        fps=fps, method=method, settings=settings, repair_contacts=repair_contacts,
         animation_only=animation_only, map_file=map_file, up=up, unit=unit, target_up=target_up, target_unit=target_unit,
         contacts=contacts_file, report=show_report, page=page, engine=engine, smpl_model=smpl_model, surface=surface,
     )  # fmt: skip

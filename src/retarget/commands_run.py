@@ -50,6 +50,8 @@ class Order:
     fps: float | None = None
     method: str = "auto"
     settings: Mapping[str, Any] = field(default_factory=dict)
+    repair_contacts: bool = True
+    """Whether 'auto' may be a method that looks after contacts."""
     animation_only: bool = False
     map_file: Path | None = None
     up: str | None = None
@@ -78,6 +80,7 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     one_file_each = not order.surface and (order.output.is_dir() or not order.output.suffix)
     outputs = _result_files(files, order) if one_file_each else [order.output] * len(files)
     _expect_possible(order, files, outputs, one_file_each)
+    method = _method(order)
     source_hints, target_hints = _hints(order)
     settings = dict(order.settings)
     if order.contacts is not None:
@@ -87,7 +90,9 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
     done, waiting, performance, page = [], [], None, None
     with progress_line(progress, len(files)) as tell:
         target = cast(order.target, target_hints, tell=lambda doing, _: tell(doing))
-        if not one_file_each and not order.surface:
+        if order.surface:
+            check_sequence_output(order.output, target.cloud is not None, tracked=True)
+        elif not one_file_each:
             check_output(order.output, target.original, order.animation_only)
         for file, output in zip(files, outputs):
             tell(f"reading {file.name}")
@@ -104,11 +109,11 @@ def run_order(order: Order, progress: bool = False) -> dict[str, Any]:
                 tell(f"retargeting {file.stem}")
                 if performer is not None:
                     motion = part = replace(performer.motion, made_from=_sequence_part(file, performer.motion, order))
-                    production = prepare(performer, target, order.method, **settings)
+                    production = prepare(performer, target, method, **settings)
                 else:
                     part = _part(file, asset.motion(clip), order)
                     motion = _at_rate(part, order)
-                    production = prepare(cast(asset, source_hints, motion), target, order.method, **settings)
+                    production = prepare(cast(asset, source_hints, motion), target, method, **settings)
                 started = time.perf_counter()
                 result = production(motion, part.made_from, performer.surface if isinstance(performer, Performer) else None)
                 performance = Performance(file, output, production, part, result)
@@ -150,6 +155,16 @@ def _expect_possible(order: Order, files: list[Path], outputs: list[Path], one_f
         check_page(order.page, order.output if one_file_each else None)
         _expect_one(order.page, len(files), "motions")
     _expect_other_files(outputs, [*files, order.target])
+
+
+def _method(order: Order) -> str:
+    """The method's name. Raises `RetargetError` for one that looks after contacts where that is not wanted."""
+    if order.repair_contacts:
+        return order.method
+    if order.method not in ("auto", "copy-rotations") or order.contacts is not None:
+        other = f"--method {order.method}" if order.contacts is None else f"--contacts {order.contacts}"
+        raise RetargetError(f"--no-repair-contacts and {other} contradict each other; give one of them")
+    return "copy-rotations"
 
 
 def _expect_surface(order: Order, count: int) -> None:

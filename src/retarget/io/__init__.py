@@ -116,15 +116,18 @@ def save(
         raise FileError(path, f"cannot be written: {error.strerror or error}") from None
 
 
-def save_sequence(path: str | Path, motion: MeshMotion | PointMotion) -> None:
+def save_sequence(path: str | Path, motion: MeshMotion | PointMotion, tracked: bool = False) -> None:
     """Write a mesh sequence as glTF (.glb, .gltf; frames as morph targets), USD (time samples), Alembic (.abc), an archive (.npz), or
-    a folder of PLY files (no suffix); a point sequence as the last two.
+    a folder of PLY files (no suffix); a point sequence as the last two, and as glTF where its points are `tracked`: each frame has the
+    same ones, in the same order.
 
     The file, or folder, appears whole or not at all. Raises `FileError` for other suffixes and where it cannot be written.
     """
     path = Path(path)
-    check_sequence_output(path, isinstance(motion, PointMotion))
-    if isinstance(motion, PointMotion):
+    check_sequence_output(path, isinstance(motion, PointMotion), tracked)
+    if isinstance(motion, PointMotion) and path.suffix.lower() in (".glb", ".gltf"):
+        importlib.import_module("retarget.io.gltf_morph").save_points(path, motion)
+    elif isinstance(motion, PointMotion):
         importlib.import_module(f"retarget.io.{'npz_clouds' if path.suffix else 'point_folder'}").save(path, motion)
     elif path.suffix.lower() in (".glb", ".gltf"):
         importlib.import_module("retarget.io.gltf_morph").save_sequence(path, motion)
@@ -138,14 +141,14 @@ def save_sequence(path: str | Path, motion: MeshMotion | PointMotion) -> None:
         importlib.import_module("retarget.io.mesh_folder").save(path, motion)
 
 
-def check_sequence_output(path: str | Path, points: bool = False) -> None:
-    """Refuse an output that could not hold a mesh sequence, or one of `points`, before any work is done. Raises
-    `FileError`."""
+def check_sequence_output(path: str | Path, points: bool = False, tracked: bool = False) -> None:
+    """Refuse an output that could not hold a mesh sequence, or one of `points` (`tracked` or not), before any work is done.
+    Raises `FileError`."""
     path = Path(path)
     suffix = path.suffix.lower()
     if points:
-        if suffix not in ("", ".npz"):
-            forms = "as .npz or a folder (a name without suffix)"
+        if suffix not in ("", ".npz", *((".glb", ".gltf") if tracked else ())):
+            forms = f"as {'.glb, .gltf, ' if tracked else ''}.npz or a folder (a name without suffix)"
             raise FileError(path, f"a point sequence is written {forms}, not as {path.suffix!r}")
         check_folder(path) if suffix else check_new_folder(path)
     elif suffix and suffix not in (".glb", ".gltf", ".npz", ".abc") and WRITERS.get(suffix) != "retarget.io.usd":

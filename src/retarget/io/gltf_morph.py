@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
-from retarget.character import Mesh, MeshMotion
+from retarget.character import Mesh, MeshMotion, PointMotion
 from retarget.errors import FileError
 from retarget.io.gltf_build import add_mesh
 from retarget.io.gltf_clips import key_times
@@ -24,6 +24,8 @@ LARGEST = 1 << 31
 BLOCK = 1 << 22
 """Numbers that are worked on at a time: in double precision all frames would take several times the memory."""
 VERTEX_DATA = 34962
+POINTS = 0
+"""The mode of a primitive without edges."""
 
 
 def animates_weights(document: Document) -> bool:
@@ -107,17 +109,35 @@ def save_sequence(path: str | Path, motion: MeshMotion) -> None:
     if path.suffix.lower() not in (".glb", ".gltf"):
         raise FileError(path, f"glTF is written as .glb or .gltf, received the suffix {path.suffix!r}")
     draft, name = Draft.empty(), motion.name or "sequence"
-    base = motion.vertices[0].astype(np.float64)
-    mesh = add_mesh(draft, motion.mesh, base, None, None, name)
-    moves = motion.vertices[1:] - motion.vertices[:1]
+    mesh = add_mesh(draft, motion.mesh, motion.vertices[0].astype(np.float64), None, None, name)
+    _write_moving(path, draft, mesh, motion.vertices, motion.fps, name)
+
+
+def save_points(path: str | Path, motion: PointMotion) -> None:
+    """Write points over time, the same ones on each frame, as a mesh of points with a morph target a frame. Raises `FileError`
+    for frames of different numbers of points, or without any, and where it cannot be written."""
+    path, counts = Path(path), {len(cloud) for cloud in motion.clouds}
+    if len(counts) > 1 or counts == {0}:
+        raise FileError(path, f"a .glb holds the same points on every frame; these have {min(counts)} to {max(counts)}")
+    draft, name, places = Draft.empty(), motion.name or "points", np.stack(motion.clouds)
+    position = draft.add_accessor(places[0], bounds=True, target=VERTEX_DATA)
+    mesh = draft.add("meshes", {"name": name, "primitives": [{"attributes": {"POSITION": position}, "mode": POINTS}]})
+    _write_moving(path, draft, mesh, places, motion.fps, name)
+
+
+def _write_moving(
+    path: Path, draft: Draft, mesh: int, places: Float32[Array, "frames vertices 3"], fps: float, name: str
+) -> None:
+    """Give a mesh of the draft a morph target for every frame after the first, an animation from each to the next, and write."""
+    moves = places[1:] - places[:1]
     targets = [{"POSITION": draft.add_accessor(each, bounds=True, target=VERTEX_DATA)} for each in moves]
     node: dict[str, Any] = {"name": name, "mesh": mesh}
     if targets:
         entry = draft.json["meshes"][mesh]
         entry["primitives"] = [{**each, "targets": targets} for each in entry["primitives"]]
         entry["weights"] = [0.0] * len(targets)
-        times = (np.arange(len(motion)) / motion.fps).astype(np.float32)[:, None]
-        weights = np.eye(len(motion), dtype=np.float32)[:, 1:].reshape(-1, 1)
+        times = (np.arange(len(places)) / fps).astype(np.float32)[:, None]
+        weights = np.eye(len(places), dtype=np.float32)[:, 1:].reshape(-1, 1)
         sampler = {"input": draft.add_accessor(times, bounds=True), "output": draft.add_accessor(weights)}
         channel = {"sampler": 0, "target": {"node": 0, "path": "weights"}}
         draft.add("animations", {"name": name, "samplers": [sampler], "channels": [channel]})

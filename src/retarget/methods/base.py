@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from retarget.body.skinning import bake
-from retarget.character import Character, MeshMotion, Motion, Pose
+from retarget.character import Character, MeshMotion, Motion, PointMotion, Pose
 from retarget.errors import RetargetError
 from retarget.io import save, save_sequence
 from retarget.motion.align import Actor
@@ -72,13 +72,25 @@ class Result:
         frames = back.points(surface.vertices.astype(np.float64))
         return replace(surface, mesh=replace(surface.mesh, vertices=frames[0]), vertices=frames.astype(np.float32))
 
+    @property
+    def file_cloud(self) -> PointMotion:
+        """The points of a target that came as a cloud, on every frame, in its file's unit and axes: point for point, in the order
+        of the file. Raises `RetargetError` for a target that came with a surface."""
+        if self.target.cloud is None:
+            raise RetargetError("the target came with a surface; only those that came as a cloud move as one")
+        surface = bake(self.character, self.motion) if self.surface is None else self.surface
+        back = self.target.house_from_file.inverse()
+        clouds = tuple(back.points(self.target.cloud.of(frame)).astype(np.float32) for frame in surface.vertices)
+        return PointMotion(clouds, surface.fps, surface.name)
+
     def save(self, path: str | Path, **options: Any) -> None:
         """Write the target with this motion: a glTF target keeps all it had and gains a clip. See `io.save`."""
         save(path, self.target.original, [self.file_motion], **options)
 
     def save_surface(self, path: str | Path) -> None:
-        """Write the moving surface without a skeleton, exact to the vertex. See `io.save_sequence` for the formats."""
-        save_sequence(path, self.file_surface)
+        """Write the moving surface without a skeleton, exact to the vertex; of a target that came as a cloud, its points
+        (`file_cloud`). See `io.save_sequence` for the formats."""
+        save_sequence(path, self.file_surface if self.target.cloud is None else self.file_cloud, tracked=True)
 
 
 def save_results(path: str | Path, results: Sequence[Result], **options: Any) -> None:

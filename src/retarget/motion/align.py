@@ -20,6 +20,7 @@ from retarget.contact.support import leg_length, support_limbs, support_points
 from retarget.correspond.joints import Humanoid
 from retarget.errors import RetargetError
 from retarget.io.asset import Convention
+from retarget.geometry.riding import Riders
 from retarget.motion.anatomy import Soles
 from retarget.motion.graft import Graft, graft
 
@@ -114,6 +115,8 @@ class Actor:
     """Soles as the motion shows them, for a body without surface (`stance_soles`)."""
     graft: Graft | None = None
     """How `character` hangs together otherwise than its file; None where it does not (`with_grafts`)."""
+    cloud: Riders | None = None
+    """The points that its surface was closed around, in metres on that surface; None for a body that came with one."""
 
     @property
     def skeleton(self) -> Skeleton:

@@ -76,7 +76,7 @@ def rig(
     if unit is not None and not 0.0 < unit < float("inf"):
         raise RetargetError(f"a unit of {unit:g} metres; it must be a length above nought")
     template = template or human_template()
-    mesh = _as_mesh(body, tell)
+    mesh = as_mesh(body, tell)
     surface = finite_surface(mesh.vertices, mesh.faces)
     hints = Hints.of(template, surface, landmarks or {}, surface_map)
     reading = read_body(template, surface, hints, tell)
@@ -105,7 +105,8 @@ def rig(
     )
 
 
-def _as_mesh(body: Mesh | PointCloud, tell: Tell) -> Mesh:
+def as_mesh(body: Mesh | PointCloud, tell: Tell = untold) -> Mesh:
+    """A mesh as it is; of a cloud a closed surface around its points. Raises `RetargetError` for too few of them."""
     if isinstance(body, Mesh):
         return body
     tell("closing a surface around the points", 1)
