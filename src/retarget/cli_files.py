@@ -58,7 +58,7 @@ def convert(
 
 
 def batch(
-    motions: Annotated[Path, typer.Argument(help="Folder of motions (or one file).", show_default=False)],
+    motions: Annotated[Path, typer.Argument(help="Folder of motions, mesh sequences and captures too (or one).", show_default=False)],
     characters: Annotated[Path, typer.Argument(help="Folder of characters (or one file).", show_default=False)],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.", show_default=False)],
     jobs: Annotated[

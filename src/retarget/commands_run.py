@@ -28,8 +28,8 @@ from retarget.io.asset import Asset
 from retarget.io.mesh_folder import holds_frames
 from retarget.io.presets import Preset, preset
 from retarget.methods import Result, save_results
-from retarget.motion.filter import cut, cut_clouds, cut_surface, resample
-from retarget.performing import Performer, ScanPerformer, cast_scan, cast_sequence
+from retarget.motion.filter import cut, resample
+from retarget.performing import Performer, ScanPerformer, cast_moving
 from retarget.progress import Tell, progress_line
 from retarget.retargeting import Production, prepare
 
@@ -179,19 +179,9 @@ def _expect_surface(order: Order, count: int) -> None:
 
 def _performer(asset: Asset, order: Order, hints: Hints, tell: Tell) -> Performer | ScanPerformer | None:
     """Who performs a mesh sequence or a capture; None for what has joints. Its rate is `--fps`, which folders do not tell."""
-    moving = asset.sequence or asset.clouds
-    if moving is None:
-        return None
-    if order.clip is not None:
+    if (asset.sequence or asset.clouds) is not None and order.clip is not None:
         raise FileError(asset.path, f"holds one {asset.kind}: --clip does not apply")
-    moving = moving if order.fps is None else replace(moving, fps=order.fps)
-    doing = lambda what, _=0: tell(what)  # noqa: E731
-    try:
-        if asset.clouds is not None:
-            return cast_scan(cut_clouds(moving, order.start, order.end), hints, asset.convention, tell=doing)
-        return cast_sequence(cut_surface(moving, order.start, order.end), hints, asset.convention, tell=doing)
-    except RetargetError as error:
-        raise FileError(asset.path, str(error)) from None
+    return cast_moving(asset, hints, order.fps, order.start, order.end, tell=lambda what, _=0: tell(what))
 
 
 def _expect_other_files(outputs: list[Path], inputs: list[Path]) -> None:

@@ -11,10 +11,11 @@ from jaxtyping import Bool, Float, Shaped
 from retarget.body import rotations as rot
 from retarget.casting import Hints, cast
 from retarget.character import Character, MeshMotion, Motion, PointMotion
-from retarget.errors import RetargetError
-from retarget.io.asset import Convention
+from retarget.errors import FileError, RetargetError
+from retarget.io.asset import Asset, Convention
 from retarget.methods.scan.starts import Regressor
 from retarget.motion.align import AXES, Actor
+from retarget.motion.filter import cut_clouds, cut_surface
 from retarget.motion.fit import fit_motion
 from retarget.motion.joint_frames import prepare_frames
 from retarget.progress import Tell, untold
@@ -99,6 +100,29 @@ def cast_scan(
     notes = (*seen.notes, *followed.notes)
     actor = cast(followed.character)
     return ScanPerformer(replace(actor, notes=(*notes, *actor.notes)), followed.motion, followed.shown, notes)
+
+
+def cast_moving(
+    asset: Asset,
+    hints: Hints | None = None,
+    fps: float | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    tell: Tell = untold,
+) -> Performer | ScanPerformer | None:
+    """Who performs a file that holds a mesh sequence or a capture, or its part from `start` to `end` seconds; None for
+    what has joints. `fps` is the rate of its frames, where the user knows it better. Raises `FileError` where nobody is
+    seen, and for a part without frames."""
+    moving = asset.sequence or asset.clouds
+    if moving is None:
+        return None
+    moving = moving if fps is None else replace(moving, fps=fps)
+    try:
+        if isinstance(moving, PointMotion):
+            return cast_scan(cut_clouds(moving, start, end), hints, asset.convention, tell=tell)
+        return cast_sequence(cut_surface(moving, start, end), hints, asset.convention, tell=tell)
+    except RetargetError as error:
+        raise FileError(asset.path, str(error)) from None
 
 
 def _rigged(sequence: MeshMotion, vertices: Array, unit: float | None, tell: Tell) -> tuple[Rigged, int]:

@@ -4,10 +4,16 @@ import hashlib
 import json
 from dataclasses import replace
 
+import numpy as np
+from made_bodies import box_figure
 from made_motions import body, fingerless, stand, walk
 
+from retarget.casting import cast
+from retarget.geometry.closest import Places
 from retarget.io import save
 from retarget.motion.filter import cut
+from retarget.performing import ScanPerformer
+from retarget.rig.rigging import Rigged
 
 QUICK = ["--method", "copy-rotations", "--jobs", "2"]
 
@@ -47,3 +53,15 @@ def contents(folder):
 def records(folder, word="done"):
     """Lines of the manifest that hold a word."""
     return [record for record in map(json.loads, open(folder / "manifest.jsonl")) if word in record]
+
+
+def known_rig(mesh, unit=None, tell=None):
+    """As `rig`, which takes seconds, where the mesh is known to be the figure of boxes."""
+    nowhere = Places(np.zeros((0, 3), dtype=int), np.zeros((0, 3)))
+    return Rigged(box_figure(), 1.0, nowhere, np.zeros((0, 3)), np.zeros((0, 3)), 1.0, ())
+
+
+def follows_at_once(capture, hints=None, convention=None, regressor=None, causal=False, tell=None):
+    """As `cast_scan`, which takes seconds, where everyone walks."""
+    motion = replace(short(walk(), capture.name, (len(capture) - 1) / 30), fps=capture.fps)
+    return ScanPerformer(cast(fingerless(body())), motion, np.ones(len(capture), dtype=bool), ())

@@ -1,4 +1,4 @@
-"""What is read beside a file (pictures, buffers, layers) counts as the file; and files that hold no motion of joints."""
+"""What is read beside a file (pictures, buffers, layers) counts as the file; and mesh sequences where characters are wanted."""
 
 import json
 import os
@@ -108,12 +108,13 @@ def test_a_changed_layer_makes_its_results_again(made, tmp_path):
     assert summary.done_before == 0 and len(summary.done) == 1 and not summary.failures
 
 
-def test_mesh_sequences_are_told_and_fail(made, tmp_path):
+def test_a_mesh_sequence_is_no_character(made, tmp_path):
     save_sequence(tmp_path / "wave.npz", bake(body("heavy"), cut(walk(), 0.0, 0.2)))
+    summary = run_batch(
+        Batch(made / "m" / "walk.bvh", tmp_path / "wave.npz", tmp_path / "o", Settings(method="copy-rotations"))
+    )
     said = "holds a mesh sequence, whose surface moves without joints"
-    for motions, characters in ((tmp_path / "wave.npz", made / "c"), (made / "m" / "walk.bvh", tmp_path / "wave.npz")):
-        summary = run_batch(Batch(motions, characters, tmp_path / "o", Settings(method="copy-rotations")))
-        assert [said in each.error and "`convert` writes it" in each.error for each in summary.failures] == [True]
+    assert [said in each.error and "`convert` writes it" in each.error for each in summary.failures] == [True]
     save_sequence(tmp_path / "frames", bake(body("heavy"), cut(walk(), 0.0, 0.2)))
     with pytest.raises(FileError, match=r"holds frames \(.obj, .ply, .pcd, .npz\) and no motion of joints; as a mesh sequence"):
-        run_batch(Batch(tmp_path / "frames", made / "c", tmp_path / "o"))
+        run_batch(Batch(made / "m", tmp_path / "frames", tmp_path / "o"))

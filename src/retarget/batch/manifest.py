@@ -2,8 +2,10 @@
 
     {"settings": {…}, "digest": "…", "version": "0.1.0"}            a run began; the digest is of settings and version
     {"looked": "motions" or "characters", "file": "a/walk.bvh", "stamps": [[name, bytes, mtime_ns], …], "sha256": "…",
-     "digest": "…", "clips": [[name, frames, fps], …]}              a file can serve;
-                                                                    null for bytes and time: looked for, and not there
+     "digest": "…", "clips": [[name, frames, fps], …],
+     "moving": false}                                               a file can serve, moving: as a mesh sequence or capture;
+                                                                    null for bytes and time: looked for, and not there;
+                                                                    a folder of frames has a hash in the place of a time
     {"done": [motion, clip number, character], "inputs": [sha256, sha256], "digest": "…", "output": "…", "bytes": 1,
      "sha256": "…", "beside": [[name, bytes, sha256], …], "page": [name, bytes, sha256] or null, "clip": "…", "frames": 1,
      "fps": 30.0, "status": "ok", "notes": […], "seconds": 0.1}     beside: the files that the output refers to

@@ -76,7 +76,7 @@ def run_batch(batch: Batch, show: Callable[[int], Any] | None = None, work: str 
     another run in the folder.
     """
     check_format(batch.folder / f"*{batch.suffix}")
-    motions = find_inputs(batch.motions, without=batch.folder)
+    motions = find_inputs(batch.motions, without=batch.folder, sequences=True)
     if batch.settings.smpl_model is not None and not any(file.path.suffix.lower() == ".npz" for file in motions):
         raise RetargetError(f"--smpl-model {batch.settings.smpl_model} is for motions in .npz, and none is given")
     characters = find_inputs(batch.characters, without=batch.folder)
@@ -151,13 +151,13 @@ class _Run:
             for record in self.manifest.records
             if "looked" in record and record.get("digest") == self.digest
         }
-        seen: dict[tuple[str, str], list] = {}
+        seen: dict[tuple[str, str], Record] = {}
         tasks = deque()
         for role, files in (("characters", characters), ("motions", motions)):
             for file in files:
                 record = known.get((role, file.name), {})
                 if unchanged(file.path, record.get("stamps")):
-                    seen[role, file.name] = record["clips"]
+                    seen[role, file.name] = record
                     self.hashes[role, file.name] = record["sha256"]
                     tell("", 1)
                 else:
@@ -172,17 +172,18 @@ class _Run:
                 self._fail(outcome, [role, name])
                 self.failures.append(Failure(name if of_motion else "", "", "" if of_motion else name, outcome.error))
                 continue
-            seen[role, name] = outcome.answer["clips"]
+            seen[role, name] = outcome.answer
             self.hashes[role, name] = outcome.answer["sha256"]
             line = {"looked": role, "file": name, "digest": self.digest}
             self.manifest.add(line | outcome.answer)
+        read = [(file, seen["motions", file.name]) for file in motions if ("motions", file.name) in seen]
         clips = [
-            Clips(file, tuple(clip[0] for clip in seen["motions", file.name]))
-            for file in motions
-            if seen.get(("motions", file.name))
+            Clips(file, tuple(clip[0] for clip in record["clips"]), record.get("moving", False))
+            for file, record in read
+            if record["clips"]
         ]
         bodies = [file for file in characters if ("characters", file.name) in seen]
-        return clips, bodies, [file.name for file in motions if seen.get(("motions", file.name)) == []]
+        return clips, bodies, [file.name for file, record in read if not record["clips"]]
 
     def work(self, jobs: Sequence[Job], tell: Tell) -> int:
         """Do all jobs that are not done; returns how many were."""
@@ -198,7 +199,7 @@ class _Run:
         tell("starting" if before < len(jobs) else "")
 
         def choose(last: Task | None) -> Task | None:
-            job = waiting.take(last.get("character") if last else None)
+            job = waiting.take(by_key.get(tuple(last.get("job", ()))) if last else None)
             return None if job is None else self._task(job)
 
         for outcome in self.crew.outcomes(choose, self.batch.seconds):
@@ -248,21 +249,24 @@ class _Run:
 
 
 class _Waiting:
-    """Jobs not begun yet. A process goes on with its character while there is work for it: that is ready in its memory."""
+    """Jobs not begun yet. A process goes on with its character, or with the performer of its sequence or capture, while
+    there is work for it: that is ready in its memory."""
 
     def __init__(self, jobs: Iterable[Job]) -> None:
-        self.of: dict[str, deque[Job]] = defaultdict(deque)
+        self.of: dict[tuple[str, str], deque[Job]] = defaultdict(deque)
+        """By what is kept for them."""
         for job in jobs:
-            self.of[str(job.character.path)].append(job)
-        self.served: dict[str, int] = dict.fromkeys(self.of, 0)
-        """How many processes took up each character."""
+            self.of[job.kept].append(job)
+        self.served: dict[tuple[str, str], int] = dict.fromkeys(self.of, 0)
+        """How many processes took up each."""
 
-    def take(self, character: str | None) -> Job | None:
-        """The next job for a process that did `character` last; a new character is one that few work on."""
+    def take(self, last: Job | None) -> Job | None:
+        """The next job for a process that did `last`; where nothing that it keeps is needed, one of what few work on."""
         left = [each for each, jobs in self.of.items() if jobs]
         if not left:
             return None
-        if character not in left:
-            character = min(left, key=lambda each: (self.served[each], -len(self.of[each])))
-            self.served[character] += 1
-        return self.of[character].popleft()
+        kept = None if last is None else last.kept
+        if kept not in left:
+            kept = min(left, key=lambda each: (self.served[each], -len(self.of[each])))
+            self.served[kept] += 1
+        return self.of[kept].popleft()

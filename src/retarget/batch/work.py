@@ -1,7 +1,7 @@
 """One step of a batch as a pure function of files and settings: what a worker process does.
 
 Tasks and answers are plain JSON. What is kept from one task to the next (the character, the motion file, the prepared
-pair) saves time and changes no result.
+pair, the performer of a sequence or capture) saves time and changes no result.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from retarget.io.presets import Preset, preset
 from retarget.methods import Result
 from retarget.motion.align import Actor
 from retarget.motion.filter import resample
+from retarget.performing import Performer, ScanPerformer, cast_moving
 from retarget.retargeting import Production, prepare
 
 PageMaker = Callable[[Path, Path, Path, Production, Motion, Result], AbstractContextManager]
@@ -116,6 +117,8 @@ class Bench:
 
     def __init__(self) -> None:
         self.motion: tuple[Any, Asset | None] = (None, None)
+        self.performing: tuple[Any, Performer | ScanPerformer | str | None] = (None, None)
+        """Of the motion, where it is a sequence or capture; or why nobody performs it."""
         self.character: tuple[Any, Actor | None] = (None, None)
         self.pairs: dict[str, Production] = {}
 
@@ -123,6 +126,7 @@ class Bench:
         """The motion file of that content. Raises `RetargetError` if it has another by now."""
         key = (path, known, settings.smpl_model_hash)
         if self.motion[0] != key:
+            self.performing = (None, None)
             asset = settings.load(Path(path))
             _expect_content(asset, known)
             self.motion = (key, asset)
@@ -138,14 +142,27 @@ class Bench:
             self.character = (key, cast(asset, settings.hints()[1]))
         return self.character[1]
 
-    def pair(self, source: Actor, target: Actor, settings: Settings) -> Production:
+    def performer(self, asset: Asset, settings: Settings) -> Performer | ScanPerformer:
+        """Who performs the motion file that `asset` gave, a sequence or capture. Raises `RetargetError` where nobody can."""
+        key, hints = (self.motion[0], settings), settings.hints()[0]
+        if self.performing[0] != key:
+            try:
+                self.performing = (key, cast_moving(asset, hints, settings.fps))
+            except RetargetError as error:
+                self.performing = (key, str(error))
+        if isinstance(self.performing[1], str):
+            raise RetargetError(self.performing[1])
+        return self.performing[1]
+
+    def pair(self, source: Actor | Performer | ScanPerformer, target: Actor, settings: Settings) -> Production:
         """Source and target prepared; again only for a source that differs in anything but its name."""
-        key = _digest(source)
+        actor = source if isinstance(source, Actor) else source.actor
+        key = f"{type(source).__name__} {_digest(actor)}"
         if key not in self.pairs:
             while len(self.pairs) >= PAIRS_KEPT:
                 self.pairs.pop(next(iter(self.pairs)))
             self.pairs[key] = prepare(source, target, settings.method, **settings.for_method())
-        return replace(self.pairs[key], source=source)
+        return replace(self.pairs[key], source=actor)
 
 
 def _expect_content(asset: Asset, known: str) -> None:
@@ -177,15 +194,20 @@ def perform(task: dict[str, Any], page: PageMaker | None = None) -> dict[str, An
 
 def look(path: Path, role: str, settings: Settings) -> dict[str, Any]:
     """What a file is good for: hash and clips, and the stamps of all that was read. Raises `RetargetError` if it cannot be
-    read, holds a mesh sequence, or as one of the "characters" has no human in it."""
+    read, or as one of the "characters" has no human in it or holds a mesh sequence."""
     own = stamps(path)
     asset = settings.load(path) if role == "motions" else load(path)
     if role == "characters":
         cast(asset, settings.hints()[1])
-    asset.expect_joints()
+        asset.expect_joints()
+    moving = asset.sequence or asset.clouds
     clips = [[clip.name, clip.frames, clip.fps] for clip in asset.clips]
+    if moving is not None:
+        clips = [[moving.name, len(moving), moving.fps]]
     # The file's own stamp is from before it was read: if it changed meanwhile, the next run looks again.
-    return {"stamps": own + stamps(path, asset.beside)[1:], "sha256": content_hash(path, asset.beside), "clips": clips}
+    own += stamps(path, asset.beside)[1:]
+    known = content_hash(path, asset.beside)
+    return {"stamps": own, "sha256": known, "clips": clips, "moving": moving is not None}
 
 
 def retarget_clip(
@@ -194,20 +216,28 @@ def retarget_clip(
     """Put a clip on a character and write the result, and the page on it where the task wants one: whole or not at all.
 
     The task names "motion", "clip" (number), "character", "inputs" (hash of each), "output" and "page" (or None). The answer
-    describes the output and what lies beside it. Raises `RetargetError` (and its kin) where it cannot be done.
+    describes the output and what lies beside it. A sequence or capture has the frames it has: `Settings.fps` is their rate.
+    Raises `RetargetError` (and its kin) where it cannot be done.
     """
     started = time.perf_counter()
     asset = bench.asset(task["motion"], task["inputs"][0], settings)
-    clip = asset.motion(task["clip"])
-    if not len(clip):
-        raise RetargetError(f"{asset.path}: the clip {clip.name!r} has no frames")
-    motion = resample(clip, settings.rate(clip.fps))
+    moving = asset.sequence is not None or asset.clouds is not None
+    if not moving:
+        clip = asset.motion(task["clip"])
+        if not len(clip):
+            raise RetargetError(f"{asset.path}: the clip {clip.name!r} has no frames")
+        motion = resample(clip, settings.rate(clip.fps))
     target = bench.target(task["character"], task["inputs"][1], settings)
     output = Path(task["output"])
     check_holds(output, target.original, settings.animation_only)
-    source = cast(asset, settings.hints()[0], motion)
+    if moving:
+        source = bench.performer(asset, settings)
+        clip = motion = source.motion
+    else:
+        source = cast(asset, settings.hints()[0], motion)
     production = bench.pair(source, target, settings)
-    result = production(motion, Provenance.whole(asset.path, clip))
+    surface = source.surface if isinstance(source, Performer) else None
+    result = production(motion, Provenance.whole(asset.path, clip), surface)
     output.parent.mkdir(parents=True, exist_ok=True)
     with nullcontext() if page is None else page(Path(task["page"]), asset.path, output, production, clip, result):
         result.save(output, animation_only=settings.animation_only, **_options(output, settings))
@@ -219,7 +249,7 @@ def retarget_clip(
         "frames": len(motion),
         "fps": motion.fps,
         "status": result.status,
-        "notes": list(result.stats["notes"]),
+        "notes": [*(f"source: {note}" for note in asset.notes if moving), *result.stats["notes"]],
         "seconds": round(time.perf_counter() - started, 3),
     }
 

@@ -12,7 +12,7 @@ import numpy as np
 from retarget.character import Mesh, MeshMotion
 from retarget.errors import FileError, RetargetError
 from retarget.geometry.bridging import bridged
-from retarget.io import obj_ply, point_folder
+from retarget.io import MOTION_SUFFIXES, obj_ply, point_folder
 from retarget.io.asset import Asset
 from retarget.io.point_folder import FPS, FRAMES
 from retarget.io.whole_file import folder_written_whole
@@ -65,6 +65,15 @@ def _alike(mesh: Mesh, first: Mesh) -> bool:
 def holds_frames(path: Path) -> bool:
     """Whether a folder holds the frames of a sequence, of meshes or of points."""
     return bool(point_folder.frame_files(path))
+
+
+def is_one_motion(path: Path) -> bool:
+    """Whether a folder as a whole is a motion: it holds frames, and no file that is a motion of its own."""
+    own = [file for file in path.iterdir() if file.suffix.lower() in MOTION_SUFFIXES and not file.name.startswith(".")]
+    archives = [file for file in own if file.suffix.lower() == ".npz"]
+    if len(archives) < len(own) or any(point_folder.is_frame(file) is False for file in archives):
+        return False
+    return holds_frames(path)
 
 
 def expect_no_frames(path: Path) -> None:

@@ -38,18 +38,27 @@ def frame_files(folder: Path) -> list[Path]:
     """The files of a folder that are its frames, in no order: told by the suffix, archives by their arrays. An archive
     that cannot be opened is a frame only among others."""
     found, closed = [], []
-    for file in folder.iterdir():
-        if file.suffix.lower() not in FRAMES or file.name.startswith(".") or not file.is_file():
-            continue
-        if file.suffix.lower() != ".npz":
-            found.append(file)
-            continue
-        try:
-            if npz_clouds.is_frame(open_archive(file)):
-                found.append(file)
-        except FileError:
-            closed.append(file)
+    for file in possible_frames(folder):
+        held = is_frame(file)
+        if held or held is None:
+            (closed if held is None else found).append(file)
     return [*found, *closed] if found else []
+
+
+def possible_frames(folder: Path) -> list[Path]:
+    """The files of a folder that can be frames by their suffix, in no order, without a look inside."""
+    shown = (file for file in folder.iterdir() if not file.name.startswith("."))
+    return [file for file in shown if file.suffix.lower() in FRAMES and file.is_file()]
+
+
+def is_frame(file: Path) -> bool | None:
+    """Whether one of them is a frame; None for an archive that cannot be opened."""
+    if file.suffix.lower() != ".npz":
+        return True
+    try:
+        return npz_clouds.is_frame(open_archive(file))
+    except FileError:
+        return None
 
 
 def read_frame(file: Path) -> Mesh | PointCloud:
