@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from retarget import performing
+from retarget import commands_run, performing
 from retarget.body.human import PRESETS, human
 from retarget.body.skinning import bake, skin_motion
 from retarget.character import Mesh, MeshMotion
@@ -183,3 +183,16 @@ def test_contacts_of_a_sequence_are_listed(tmp_path, command):
 def test_a_sequence_brings_its_own_performer():
     with pytest.raises(RetargetError, match="source and clip do not apply"):
         retarget(sequence(), heavy(), clip="walk")
+
+
+def test_a_folder_of_frames_is_one_motion_and_keeps_its_name(tmp_path):
+    """Clouds in archives too, whose suffix motions have as well; and what follows a dot is no suffix of a folder."""
+    (tmp_path / "a.glb").touch()
+    for name in ("run.01", "run.02"):
+        (tmp_path / name).mkdir()
+        np.savez(tmp_path / name / "0.npz", points=np.zeros((5, 3)))
+    folders = [tmp_path / "run.01", tmp_path / "run.02"]
+    order = commands_run.Order(tuple(folders), tmp_path / "a.glb", tmp_path / "out")
+    assert list(commands_run._motion_files(order.motions)) == folders
+    names = [path.name for path in commands_run._result_files(folders, order)]
+    assert names == ["run.01_a.glb", "run.02_a.glb"]

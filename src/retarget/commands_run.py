@@ -25,7 +25,7 @@ from retarget.io import (
     load,
 )
 from retarget.io.asset import Asset
-from retarget.io.mesh_folder import holds_frames
+from retarget.io.mesh_folder import is_one_motion
 from retarget.io.presets import Preset, preset
 from retarget.methods import Result, save_results
 from retarget.motion.filter import cut, resample
@@ -214,7 +214,8 @@ def _result_files(files: list[Path], order: Order) -> list[Path]:
         )
     names: dict[Path, Path] = {}
     for file in files:
-        name = order.output / f"{file.stem}_{order.target.stem}{_suffix(order)}"
+        own = file.name if file.is_dir() else file.stem
+        name = order.output / f"{own}_{order.target.stem}{_suffix(order)}"
         if name in names:
             raise FileError(
                 name, f"two results would have this name, of {names[name]} and of {file}; rename one, or run them apart"
@@ -252,10 +253,10 @@ def _suffix(order: Order) -> str:
 def _motion_files(inputs: tuple[Path, ...]) -> Iterator[Path]:
     for path in inputs:
         if path.is_dir():
-            found = sorted(file for file in path.iterdir() if file.suffix.lower() in MOTION_SUFFIXES)
-            if not found and holds_frames(path):
+            if is_one_motion(path):
                 yield path
                 continue
+            found = sorted(file for file in path.iterdir() if file.suffix.lower() in MOTION_SUFFIXES)
             if not found:
                 raise FileError(path, f"the folder holds no motion ({', '.join(MOTION_SUFFIXES)})")
             yield from found
