@@ -275,10 +275,13 @@ def names(folder, without=Path("nowhere"), sequences=True):
 def test_a_folder_of_frames_is_one_motion_at_any_depth(tmp_path):
     for folder in ("top", "top/top", "top/b/c2", "top/b/c10", "top/.hidden", "top/points", "top/mixed", "top/motions"):
         (tmp_path / folder).mkdir(parents=True)
-        (tmp_path / folder / "1.ply").write_text("")
+        for number in (1, 2):
+            (tmp_path / folder / f"{number}.ply").write_text("")
+    (tmp_path / "top" / "alone").mkdir()
+    (tmp_path / "top" / "alone" / "statue.ply").write_text("")
     for number in (1, 2):
+        (tmp_path / "top" / "points" / f"{number}.ply").unlink()
         np.savez(tmp_path / "top" / "points" / f"{number}.npz", points=np.zeros((5, 3)))
-    (tmp_path / "top" / "points" / "1.ply").unlink()
     np.savez(tmp_path / "top" / "mixed" / "2.npz", points=np.zeros((5, 3)))
     np.savez(tmp_path / "top" / "motions" / "poses.npz", poses=np.zeros((5, 3)))
     below = [("b/c2", True), ("b/c10", True), ("mixed", True), ("motions/poses.npz", False), ("points", True)]

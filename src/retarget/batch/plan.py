@@ -15,7 +15,7 @@ from retarget.errors import FileError, RetargetError
 from retarget.io import MOTION_SUFFIXES
 from retarget.io.file_names import distinct, natural_order, portable
 from retarget.io.mesh_folder import expect_no_frames, is_one_motion
-from retarget.io.point_folder import FRAMES, possible_frames
+from retarget.io.point_folder import FRAMES, frame_files, possible_frames
 
 Key = tuple[str, int, str]
 """A job: motion, number of its clip, character; files by their names below the folders given."""
@@ -85,7 +85,8 @@ def find_inputs(given: Path, without: Path, sequences: bool = False) -> list[Inp
     without, found, whole = without.resolve(), [], []
     for place, folders, files in os.walk(top, onerror=_refuse):
         folders[:] = [name for name in folders if not name.startswith(".") and Path(place, name).resolve() != without]
-        if sequences and is_one_motion(Path(place)):
+        frames = len(frame_files(Path(place))) if sequences and is_one_motion(Path(place)) else 0
+        if frames > 1 or (frames and Path(place) == top):  # a mesh alone in a folder within is no motion
             whole.append(Path(place))
             continue
         paths = [Path(place, name) for name in files if not name.startswith(".")]
