@@ -290,8 +290,8 @@ def run_bench(
         raise FileError(json_file, f"the folder {json_file.parent} does not exist")
     if pictures is not None and name not in PICTURED:
         raise RetargetError(f"the bench {name!r} has no pictures; {', '.join(PICTURED)} has")
-    if pictures is not None and not pictures.is_dir():
-        raise FileError(pictures, "is not a folder")
+    if pictures is not None and not pictures.is_dir() and (pictures.exists() or not pictures.parent.is_dir()):
+        raise FileError(pictures, "is not a folder" if pictures.exists() else f"the folder {pictures.parent} does not exist")
     bounds = bounds_of(name, quick) if gate else {}
     if gate and not bounds:
         raise RetargetError(f"the bench {name!r} has no committed baseline {'with' if quick else 'without'} --quick")
@@ -299,6 +299,7 @@ def run_bench(
         if pictures is None:
             report = load_bench(name).run(quick=quick, tell=tell)
         else:
+            pictures.mkdir(exist_ok=True)
             with _sheets(pictures, name) as show:
                 report = load_bench(name).run(quick=quick, tell=tell, show=show)
             if report.get("energies"):

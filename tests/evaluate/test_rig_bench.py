@@ -185,8 +185,10 @@ def test_a_refusal_is_a_row_and_pictures_are_drawn(monkeypatch, tmp_path, comman
 def test_pictures_where_there_are_none_are_refused(tmp_path, command):
     code, _, err = command("bench", "skeletal", "--pictures", tmp_path)
     assert code == 2 and "has no pictures" in err
-    code, _, err = command("bench", "rig-transfer", "--pictures", tmp_path / "none")
-    assert code == 2 and "is not a folder" in err
+    (tmp_path / "file").touch()
+    for place, problem in (("file", "is not a folder"), ("none/pictures", "none does not exist")):
+        code, _, err = command("bench", "rig-transfer", "--pictures", tmp_path / place)
+        assert code == 2 and problem in err
 
 
 @pytest.mark.slow
