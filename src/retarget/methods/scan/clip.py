@@ -13,6 +13,7 @@ from retarget.character import Character, Motion, PointMotion
 from retarget.errors import RetargetError
 from retarget.methods.scan.cloud import binned
 from retarget.methods.scan.fit import Expected, fit_cloud, relative_turns, rotation_vectors, turn_matrices, world_turns
+from retarget.methods.scan.hanging import skin_only
 from retarget.methods.scan.scan_body import BODY, ScanBody, scan_body
 from retarget.methods.scan.starts import Regressor
 from retarget.methods.scan.tracker import FEWEST, HELD, NOBODY, Tracked, Tracker, ready
@@ -122,7 +123,7 @@ def _between(
             (ROOT_BETWEEN * 30.0 / capture.fps) ** -2, shape, rigid,
         )  # fmt: skip
         state = BodyState(shape, world_turns(body, relative[frame]), root[frame])
-        cloud = ready(capture.clouds[frame])
+        cloud = skin_only(body, state, ready(capture.clouds[frame]))
         if len(cloud) < FEWEST:
             continue
         fit = fit_cloud(body, state, binned(cloud), expected, BETWEEN, False, shaped)

@@ -20,6 +20,7 @@ from retarget.methods.scan.fit import (
     turn_matrices,
     world_turns,
 )
+from retarget.methods.scan.hanging import skin_only
 from retarget.methods.scan.recover import POOR, alike, limbs_shown, seen_elsewhere, sought_elsewhere, straightened
 from retarget.methods.scan.scan_body import BODY, ScanBody, ShapedBody, scan_body
 from retarget.methods.scan.starts import Regressor, Start, best_fit, guessed_starts, misfit, stances
@@ -142,7 +143,12 @@ class Tracker:
         foretold = self._foretold(body, memory)
         start = BodyState(memory.state.shape, world_turns(body, foretold.turns), foretold.root)
         guesses = [] if self.regressor is None else list(guessed_starts(body, self.regressor(near)))
-        expected = told_by(body, foretold, alike(guesses, start)) if guesses else foretold
+        expected = foretold
+        if guesses:
+            guess = alike(guesses, start)
+            expected, near = told_by(body, foretold, guess), skin_only(body, guess.state, near)
+        if len(near) < FEWEST:
+            return self._hold(memory)
         fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, memory.shaped)
         fit = self._doubted(body, memory, fit, near, expected, guesses)
         if misfit(fit) > ALMOST or fit.explained < 0.4:
@@ -219,7 +225,10 @@ class Tracker:
         unknown = self._unknown(body, self.memory[0] if self.memory else None)
         anyone, fits = self.shape is None and not self.memory, []
         if self.regressor is not None:
-            fits = [best_fit(body, guessed_starts(body, self.regressor(cloud)), cloud, unknown, anyone)]
+            guesses = list(guessed_starts(body, self.regressor(cloud)))
+            skin = skin_only(body, guesses[0].state, cloud)
+            cloud = skin if len(skin) >= FEWEST else cloud
+            fits = [best_fit(body, guesses, cloud, unknown, anyone)]
         if not fits or misfit(fits[0]) > POOR:
             fits.append(best_fit(body, stances(body, cloud), cloud, unknown, anyone))
         return min(fits, key=misfit)
