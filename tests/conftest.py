@@ -58,6 +58,17 @@ def own_child(monkeypatch, tmp_path):
 
 
 @pytest.fixture
+def interruptible():
+    """What the test starts ends on Ctrl-C. Whatever a shell puts into the background ignores it, and so would all that a test run
+    started from there."""
+    import signal
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
 def command(monkeypatch, capfd):
     """Runs the program as its entry point does; returns exit code, standard output and standard error."""
     import sys

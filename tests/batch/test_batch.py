@@ -321,7 +321,7 @@ def test_temporaries_of_a_dead_run_are_taken_away_and_nothing_else(copied):
     assert not stale.exists() and kept.exists()
 
 
-def test_an_interrupt_leaves_everything_consistent(made, tmp_path):
+def test_an_interrupt_leaves_everything_consistent(made, tmp_path, interruptible):
     """Ctrl-C reaches all processes of the terminal."""
     words = [
         sys.executable,
@@ -343,7 +343,7 @@ def test_an_interrupt_leaves_everything_consistent(made, tmp_path):
     ):
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
-    said = process.communicate(timeout=30)[1].decode()
+    said = process.communicate(timeout=300)[1].decode()
     assert process.returncode in (130, 0) and said == ("retarget: interrupted\n" if process.returncode else "")
     assert not [path for path in (tmp_path / "out").rglob(".*") if path.is_file()]
     summary = run_batch(Batch(made / "m", made / "c", tmp_path / "out", PLAIN, processes=2))
