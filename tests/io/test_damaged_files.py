@@ -14,7 +14,7 @@ from retarget.evaluate.damage import damage
 from retarget.evaluate.damage_run import outcomes, read
 from retarget.io import READERS
 
-MUTATIONS = int(os.environ.get("RETARGET_MUTATIONS", 2000))
+MUTATIONS = int(os.environ.get("RETARGET_MUTATIONS", 1000))
 KINDS = "amass bvh clouds draco fbx glb gltf meshopt morph obj pcd ply sequence smpl usda usdc usdz vrm".split()
 
 

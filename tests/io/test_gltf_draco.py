@@ -16,7 +16,7 @@ from retarget.errors import FileError, RetargetError
 from retarget.io import gltf, gltf_draco
 from retarget.io.gltf_document import read_document
 
-FILES = 100
+FILES = 40
 """Damaged ones, each with a child; `test_damaged_files.py` reads thousands."""
 
 

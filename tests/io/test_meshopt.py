@@ -111,7 +111,7 @@ def test_no_elements_are_no_bytes():
 
 def test_damaged_streams_are_read_or_refused():
     rng, outcomes = random.Random(1), {"read": 0, "refused": 0}
-    for _ in range(10_000):
+    for _ in range(4000):
         _, data, count, stride, mode, filter_, _ = rng.choice(STREAMS)
         data = bytearray(data)
         for _ in range(rng.randrange(1, 4)):
@@ -125,7 +125,7 @@ def test_damaged_streams_are_read_or_refused():
         except MeshoptError as error:
             assert "\n" not in str(error)
             outcomes["refused"] += 1
-    assert min(outcomes.values()) > 200, outcomes
+    assert min(outcomes.values()) > 80, outcomes
 
 
 @pytest.fixture(scope="module")
@@ -265,7 +265,7 @@ def test_faults_of_the_description_are_told_with_their_place(tmp_path, change, p
 def test_damaged_files_are_read_or_refused(tmp_path):
     raw, rng = (DATA / "worm_meshopt_ext.glb").read_bytes(), random.Random(2)
     path, outcomes = tmp_path / "bad.glb", {"read": 0, "refused": 0}
-    for _ in range(400):
+    for _ in range(200):
         data = bytearray(raw)
         for _ in range(rng.randrange(1, 4)):
             at = rng.randrange(20, len(data)) if rng.random() < 0.3 else rng.randrange(len(raw) - 2420, len(raw))
@@ -279,4 +279,4 @@ def test_damaged_files_are_read_or_refused(tmp_path):
         except RetargetError as error:
             assert "\n" not in str(error)
             outcomes["refused"] += 1
-    assert min(outcomes.values()) > 25, outcomes
+    assert min(outcomes.values()) > 12, outcomes

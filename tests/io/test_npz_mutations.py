@@ -14,7 +14,7 @@ from test_smpl_model import tiny
 from retarget.errors import RetargetError
 from retarget.io import load
 
-MUTATIONS = int(os.environ.get("RETARGET_MUTATIONS", 2000))
+MUTATIONS = int(os.environ.get("RETARGET_MUTATIONS", 1000))
 WORDS = [b"'<f8'", b"'|O'", b"(3,)", b"()", b"(99999999999,", b"True", b"'>i2'", b"'<U9'", b"1L"]
 
 

@@ -300,7 +300,7 @@ def test_damaged_files_are_read_or_refused(tmp_path):
     text, rng, path = json.dumps(document).encode(), random.Random(6), tmp_path / "bad.vrm"
     start = text.index(b'"extensions": {"VRMC_vrm"')
     outcomes = {"read": 0, "refused": 0}
-    for _ in range(1500):
+    for _ in range(500):
         head, tail = text[:start], text[start:]
         path.write_bytes(pack(head + mutated(tail, rng, [b'"node"', b"{}", b"[]", b"null"]), binary))
         try:
@@ -311,4 +311,4 @@ def test_damaged_files_are_read_or_refused(tmp_path):
         except RetargetError as error:
             assert "\n" not in str(error)
             outcomes["refused"] += 1
-    assert min(outcomes.values()) > 40, outcomes
+    assert min(outcomes.values()) > 13, outcomes
