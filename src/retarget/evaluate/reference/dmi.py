@@ -11,7 +11,7 @@ the field. `distances` takes the length of the same entries alone, as the distan
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -64,7 +64,7 @@ class FieldOnly(Method):
 class FieldGoals(GoalMaker):
     """Entries of the field in place of near sensors: `apart` holds vectors in the observer's frame."""
 
-    plan: FieldPlan
+    plan: FieldPlan = field(kw_only=True)
 
     def _near(self, performed: Motion, busy: Array) -> NearRows:
         places, turned = self.sensors.pose(*world_pose(performed))
