@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from made_bodies import sphere
 from rig_bodies import capsules, case
 
 from retarget.body.human import human, human_model
@@ -50,20 +51,34 @@ def cut(keep):
     return closed(Mesh(body.vertices[used], packed.reshape(-1, 3)))
 
 
+def ball_on_a_stick():
+    return capsules(((0, 0, 0), (0, 1.2, 0), 0.06), ((0, 1.5, 0), (0, 1.55, 0), 0.3))
+
+
+def upper_half():
+    """Open at the waist."""
+    body = human().mesh
+    return Mesh(body.vertices, body.faces[(body.vertices[body.faces][:, :, 1] > 0.85).all(axis=1)])
+
+
 @pytest.mark.parametrize(
     "make, reason",
     [
         pytest.param(lambda: beside(0, 1.4), r"50 % of the surface stands apart", id="two people apart"),
         pytest.param(lambda: beside(0, 1, 2), r"much of it is nothing of the template's", id="three hand in hand"),
-        pytest.param(lambda: cut(lambda at: at[:, 1] < 1.4), r"nothing of it is left for .*head", id="no head"),
         pytest.param(
-            lambda: cut(lambda at: at[:, 0] < 0.25), r"nothing of it is left for .*leftLowerArm", id="no left arm"
+            lambda: cut(lambda at: (at[:, 0] < 0.25) & (at[:, 1] < 1.4)),
+            r"nothing of it is left for .*leftLowerArm, head",
+            id="neither head nor left arm",
         ),
+        pytest.param(lambda: Mesh(sphere(3).vertices, sphere(3).faces), "no reading of it fits", id="a ball"),
+        pytest.param(ball_on_a_stick, "no reading of it fits", id="a ball on a stick"),
+        pytest.param(upper_half, "no reading of it fits", id="half a person"),
     ],
 )
 def test_what_would_be_rigged_wrongly_is_refused(make, reason):
     with pytest.raises(
-        RetargetError, match=rf"no body was found with certainty in .*: {reason}.* \(confidence 0\.\d\d;"
+        RetargetError, match=rf"no body was found with certainty in .*: {reason}.* \(confidence 0\.\d\d; 0\.34 is needed\)"
     ):
         rig(make())
 
@@ -102,26 +117,12 @@ def test_clouds_that_are_no_body(points, reason):
         rig(PointCloud(points))
 
 
-def test_a_stray_triangle_far_away_does_not_matter():
-    mesh = case(CLEAN).mesh
-    far = mesh.vertices.max(axis=0) + 30 * np.ptp(mesh.vertices) + np.eye(3) * 0.01 * np.ptp(mesh.vertices)
-    faces = np.concatenate([mesh.faces, [len(mesh.vertices) + np.arange(3)]])
-    found = rig(Mesh(np.concatenate([mesh.vertices, far]), faces))
-    assert found.confidence > 0.8 and errors(found, case(CLEAN)).mean() < 0.6
-
-
-def test_stray_points_far_away_do_not_matter():
+def test_a_cloud_gets_a_surface_and_stray_points_far_away_do_not_matter():
     points = case(CLEAN).mesh.vertices
     strays = np.random.default_rng(0).uniform(-2, 3, (60, 3)) * np.ptp(points, axis=0) + points.min(axis=0)
     found = rig(PointCloud(np.concatenate([points, strays, points[:1] * 500])))
-    assert errors(found, case(CLEAN)).mean() < 1.5
-
-
-def test_faces_that_look_inwards_do_not_matter():
-    mesh = case(CLEAN).mesh
-    found = rig(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
-    assert errors(found, case(CLEAN)).mean() < 0.6
-    assert np.array_equal(found.character.mesh.faces, mesh.faces[:, ::-1])
+    assert len(found.character.mesh.faces) > 1000
+    assert errors(found, case(CLEAN)).mean() < 2.5 / 1.7
 
 
 def candidate(template, surface, place, feet=0.03):
@@ -158,8 +159,3 @@ def test_a_soup_of_pieces_is_taken_apart_in_time():
     assert np.linalg.norm(np.cross(first[1] - first[0], first[2] - first[0])) == pytest.approx(
         np.linalg.norm(np.cross(*(soup.vertices[k::3] - soup.vertices[0::3] for k in (1, 2))), axis=1).max()
     )
-
-
-def test_a_ball_on_a_stick_is_refused():
-    with pytest.raises(RetargetError, match="no body was found with certainty"):
-        rig(capsules(((0, 0, 0), (0, 1.2, 0), 0.06), ((0, 1.5, 0), (0, 1.55, 0), 0.3)))

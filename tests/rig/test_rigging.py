@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_bodies import sphere
-from rig_bodies import capsules, case, figurine, quadruped, rigged
+from rig_bodies import capsules, case, figurine, mapped, rigged
 
 from retarget.body import rotations as rot
-from retarget.body.human import human, human_model
+from retarget.body.human import human, human_model, textured
 from retarget.body.kinematics import rest_pose
 from retarget.body.skinning import rest_vertices
 from retarget.character import Mesh, PointCloud
@@ -17,8 +16,8 @@ from retarget.rig.rigging import rig
 from retarget.rig.template import MAIN
 from retarget.rig.templates import human_template
 
-CLEAN, NOISY, DRESSED = 6, 10, 14
-"""Seeds of cases that may be looked at: arms crossed; noise and crossed legs; shoes, skirt and hat."""
+CLEAN, DRESSED = 6, 14
+"""Seeds of cases that may be looked at: arms crossed; shoes, skirt and hat. Noise is gated by `retarget bench rig-transfer`."""
 
 
 def joint_errors(seed, found):
@@ -28,7 +27,7 @@ def joint_errors(seed, found):
     return np.linalg.norm(found.joints[: len(MAIN)] - truth.joints[order], axis=1) / truth.height * 170
 
 
-@pytest.mark.parametrize("seed", [CLEAN, NOISY, DRESSED])
+@pytest.mark.parametrize("seed", [CLEAN, DRESSED])
 def test_joints_and_weights_are_found(seed):
     found, truth = rigged(seed), case(seed)
     errors = joint_errors(seed, found)
@@ -42,7 +41,7 @@ def test_joints_and_weights_are_found(seed):
     assert 100 * ((weights - true)[truth.body] ** 2).mean() < 0.2
 
 
-@pytest.mark.parametrize("seed", [CLEAN, NOISY, DRESSED])
+@pytest.mark.parametrize("seed", [CLEAN, DRESSED])
 def test_the_rest_pose_is_the_templates(seed):
     found, truth = rigged(seed), case(seed)
     turns, _ = rest_pose(found.character.skeleton)
@@ -65,15 +64,6 @@ def test_what_came_in_stays():
     assert np.allclose(rest_vertices(found.character), found.character.mesh.vertices, atol=1e-5)
 
 
-def test_uvs_and_materials_stay():
-    from retarget.body.human import textured
-
-    looks = textured(human()).mesh
-    found = rig(looks)
-    assert np.array_equal(found.character.mesh.uvs, looks.uvs)
-    assert found.character.mesh.materials == looks.materials
-
-
 def test_turned_moved_and_scaled_it_is_the_same():
     truth, first = case(CLEAN), rigged(CLEAN)
     turn = rot.from_rotation_vector(np.array([0.7, -1.1, 0.4]))
@@ -85,37 +75,37 @@ def test_turned_moved_and_scaled_it_is_the_same():
     assert np.allclose(second.joints[body], rot.rotate(turn, first.joints[body]) * 40 + [5.0, -3, 8], atol=0.4)
 
 
-def test_the_order_of_vertices_does_not_matter():
-    truth, first = case(CLEAN), rigged(CLEAN)
-    order = np.random.default_rng(0).permutation(len(truth.mesh.vertices))
-    place = np.argsort(order)
-    second = rig(Mesh(truth.mesh.vertices[order], place[truth.mesh.faces]))
-    assert np.abs(second.character.mesh.vertices - first.character.mesh.vertices[order]).max() < 0.02
+def test_order_of_vertices_sense_of_faces_and_a_stray_triangle_do_not_matter():
+    mesh, first = case(CLEAN).mesh, rigged(CLEAN)
+    order = np.random.default_rng(0).permutation(len(mesh.vertices))
+    inwards = np.argsort(order)[mesh.faces[:, ::-1]]
+    far = mesh.vertices.max(axis=0) + 30 * np.ptp(mesh.vertices) + np.eye(3) * 0.01 * np.ptp(mesh.vertices)
+    faces = np.concatenate([inwards, [len(order) + np.arange(3)]])
+    second = rig(Mesh(np.concatenate([mesh.vertices[order], far]), faces))
+    found = second.character.mesh
+    assert np.abs(found.vertices[: len(order)] - first.character.mesh.vertices[order]).max() < 0.02
+    assert np.array_equal(found.faces, faces)
+    assert second.confidence > 0.8 and joint_errors(CLEAN, second).mean() < 1.0
 
 
-def test_the_same_twice():
-    truth = case(CLEAN)
-    again = rig(truth.mesh)
-    assert np.array_equal(again.character.mesh.vertices, rigged(CLEAN).character.mesh.vertices)
-    assert np.array_equal(again.character.skin.weights, rigged(CLEAN).character.skin.weights)
-
-
-def test_a_cloud_of_points_gets_a_surface():
-    truth = case(CLEAN)
-    found = rig(PointCloud(truth.mesh.vertices))
-    assert len(found.character.mesh.faces) > 1000
-    assert joint_errors(CLEAN, found).mean() < 2.5
+def test_the_same_twice_and_looks_stay():
+    mesh, first = case(CLEAN).mesh, rigged(CLEAN)
+    uvs = np.random.default_rng(0).random((len(mesh.vertices), 2))
+    looks = replace(mesh, uvs=uvs, materials=textured(human()).mesh.materials)
+    again = rig(looks)
+    assert np.array_equal(again.character.mesh.vertices, first.character.mesh.vertices)
+    assert np.array_equal(again.character.skin.weights, first.character.skin.weights)
+    assert np.array_equal(again.character.mesh.uvs, uvs)
+    assert again.character.mesh.materials == looks.materials != first.character.mesh.materials
 
 
 def test_a_given_map_is_followed():
-    truth = case(CLEAN)
-    found = rig(truth.mesh, surface_map=truth.places)
-    assert joint_errors(CLEAN, found).mean() < 0.8
+    assert joint_errors(CLEAN, mapped(CLEAN)).mean() < 0.8
 
 
 def test_a_map_of_another_mesh_is_refused():
     with pytest.raises(RetargetError, match="the surface map is of"):
-        rig(case(CLEAN).mesh, surface_map=case(NOISY).places)
+        rig(case(CLEAN).mesh, surface_map=case(DRESSED).places)
 
 
 def test_a_figurine_is_a_body():
@@ -148,23 +138,6 @@ def test_landmarks_decide_what_is_in_doubt():
 def test_landmarks_that_do_not_exist(landmarks, reason):
     with pytest.raises(RetargetError, match=reason):
         rig(case(CLEAN).mesh, landmarks=landmarks)
-
-
-def things():
-    body = human().mesh
-    both = np.concatenate([body.vertices, body.vertices + [1.0, 0, 0]])
-    yield "a ball", Mesh(*(getattr(sphere(3), name) for name in ("vertices", "faces")))
-    yield "a dog", quadruped()
-    yield "two people", Mesh(both, np.concatenate([body.faces, body.faces + len(body.vertices)]))
-    yield "half a person", Mesh(body.vertices, body.faces[(body.vertices[body.faces][:, :, 1] > 0.85).all(axis=1)])
-
-
-@pytest.mark.parametrize("mesh", [pytest.param(mesh, id=name) for name, mesh in things()])
-def test_what_is_no_body_is_refused(mesh):
-    with pytest.raises(
-        RetargetError, match=r"no body was found with certainty .* \(confidence 0\.\d+; 0\.34 is needed\)"
-    ):
-        rig(mesh)
 
 
 @pytest.mark.parametrize(
