@@ -29,14 +29,22 @@ def shown(page):
     return re.sub(r"(?s)<script.*?</script>", "", page.read_text())
 
 
-@pytest.mark.parametrize("words", [("--report", "r.html"), ("--report=r.html",), ("--report-page", "r.html")])
-def test_the_page_is_written_beside_the_result(made, tmp_path, monkeypatch, command, words):
-    monkeypatch.chdir(tmp_path)
-    code, out, err = command("run", made / "walk.bvh", made / "heavy.glb", "-o", "o.glb", *QUICK, *words)
-    assert (code, err) == (0, "") and sorted(path.name for path in tmp_path.iterdir()) == ["o.glb", "r.html"]
-    assert re.search(r"^r.html: [0-9.]+ MB, 90 frames, 2 bodies, made in [0-9.]+ s$", out, re.M)
-    page = shown(tmp_path / "r.html")
+def test_the_page_is_written_beside_the_result_and_equal_input_gives_equal_pages(made, tmp_path, monkeypatch, command):
+    for name, output, words in (
+        ("a", tmp_path / "a" / "o.glb", ("--report", tmp_path / "a" / "r.html")),
+        ("b", "o.glb", ("--report=r.html",)),
+    ):
+        folder = tmp_path / name
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        code, out, err = command("run", made / "walk.bvh", made / "heavy.glb", "-o", output, *QUICK, *words)
+        assert (code, err) == (0, "") and sorted(path.name for path in folder.iterdir()) == ["o.glb", "r.html"]
+        assert re.search(r"r.html: [0-9.]+ MB, 90 frames, 2 bodies, made in [0-9.]+ s$", out, re.M)
+    page = shown(folder / "r.html")
     assert "method: copy-rotations, as asked" in page and "o.glb from walk.bvh" in page and "copied only" in page
+    for name in ("o.glb", "r.html"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    assert str(tmp_path) not in (tmp_path / "a" / "r.html").read_text()
 
 
 def test_it_is_the_page_of_report_and_says_besides_how_the_result_was_made(made, tmp_path, command):
@@ -50,16 +58,6 @@ def test_it_is_the_page_of_report_and_says_besides_how_the_result_was_made(made,
     assert len(figures[0]) == len(figures[1]) > 20
     for a, b in zip(*figures):
         assert a == b or float(a) == pytest.approx(float(b), rel=0.02, abs=0.011), "one was read from single precision"
-
-
-def test_equal_input_gives_equal_pages(made, tmp_path, command):
-    for name in "ab":
-        (tmp_path / name).mkdir()
-        words = ("run", made / "walk.bvh", made / "heavy.glb", "-o", tmp_path / name / "o.glb", *QUICK)
-        assert command(*words, "--report", tmp_path / name / "r.html")[0] == 0
-    for name in ("o.glb", "r.html"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-    assert str(tmp_path) not in (tmp_path / "a" / "r.html").read_text()
 
 
 def test_bare_it_prints_the_account_and_writes_no_page(made, tmp_path, command):

@@ -55,7 +55,7 @@ def test_examples_are_short():
 def a_users_folder(tmp_path_factory) -> Path:
     """What the README's user has: a motion, a character in centimetres, a bare mesh, and scans."""
     folder = tmp_path_factory.mktemp("user")
-    save(folder / "dance.bvh", human(), [embedded_motion("walk")])
+    save(folder / "dance.bvh", human(), [cut(embedded_motion("walk"), 1.0, 2.5)])
     knight = human(weight=1.0, height=1.8)
     names = tuple(f"knight_{name}" for name in knight.skeleton.names)
     knight = replace(knight, skeleton=replace(knight.skeleton, names=names))
