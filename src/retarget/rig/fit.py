@@ -19,7 +19,7 @@ from retarget.geometry.closest import SurfaceIndex
 from retarget.geometry.geodesic import farthest_points
 from retarget.geometry.resample import Surface
 from retarget.geometry.topology import vertex_normals
-from retarget.rig.fit_model import BodyState, FitModel, PosedBody, inertia, moved_state, pose_body
+from retarget.rig.fit_model import BodyState, FitModel, PosedBody, moved_state, pose_body
 
 Array = np.ndarray
 
@@ -29,6 +29,8 @@ AREA = 1.69
 """Square metres of the skin of a body `HEIGHT` tall: by this the unit of a surface is guessed, which the fit then mends."""
 LIKE_NORMALS = 0.08 * HEIGHT
 """How far apart opposite normals put two places when the nearest is sought, half of it in metres."""
+SINGULAR = 1e-12
+"""Of the largest, what is added to a point's metric, which pairs along one normal leave singular."""
 WORST = 0.1
 """Metres beyond which a distance counts as this in the misfit."""
 LIMB = 2e-3
@@ -285,9 +287,11 @@ def _along(
     metrics = np.stack([np.bincount(index, metric[:, a, b], count) for a in range(3) for b in range(3)], axis=1)
     forces = np.stack([np.bincount(index, force[:, a], count) for a in range(3)], axis=1)
     jacobian = posed.jacobian
-    turned = np.matmul(metrics.reshape(-1, 3, 3), jacobian)
     flat = jacobian.reshape(-1, jacobian.shape[2])
-    return flat.T @ turned.reshape(flat.shape), flat.T @ forces.ravel()
+    metrics = metrics.reshape(-1, 3, 3)
+    roots = np.linalg.cholesky(metrics + SINGULAR * float(metrics.max()) * np.eye(3))
+    half = np.matmul(roots.transpose(0, 2, 1), jacobian).reshape(flat.shape)
+    return half.T @ half, flat.T @ forces.ravel()  # half the work of a product that is not known to be symmetric
 
 
 def _everywhere(
@@ -310,7 +314,7 @@ def _step(
     relative = np.matmul(state.turns[parents[1:]].transpose(0, 2, 1), state.turns[1:])
     bent = rot.to_rotation_vector(rot.from_matrix(relative)) - model.bends[1:]
     diagonal = np.zeros(len(gradient))
-    held = pull.pose * np.minimum(1.0, np.sqrt(inertia(model)[1:] / LIMB))
+    held = pull.pose * np.minimum(1.0, np.sqrt(model.inertia[1:] / LIMB))
     held[model.fingers - 1 :] = np.maximum(held[model.fingers - 1 :], pull.fingers)
     usual = np.repeat(held, 3)
     diagonal[3 : 3 * count] = usual

@@ -6,6 +6,7 @@ Points and their derivatives by every turn, move and coefficient are closed form
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -51,8 +52,20 @@ class FitModel:
             points=self.points[chosen],
             normals=self.normals[chosen],
             weights=self.weights[chosen],
-            point_basis=self.point_basis[:, chosen],
+            point_basis=np.ascontiguousarray(self.point_basis[:, chosen]),  # else every product begins with a copy
         )
+
+    @cached_property
+    def basis_by_point(self) -> Float[Array, "points 3 shapes"]:
+        """`point_basis`, points first."""
+        return np.ascontiguousarray(self.point_basis.transpose(1, 2, 0))
+
+    @cached_property
+    def inertia(self) -> Float[Array, "joints"]:
+        """How much a turn of each joint moves the points at rest: their mean squared distance from it, by weight, over all that
+        hangs on it (m²)."""
+        arms = ((self.points[:, None] - self.joints) ** 2).sum(axis=2)
+        return ((self.weights @ hangs_on(self.parents).T) * arms).mean(axis=0)
 
     def points_of(self, shape: Float[Array, "shapes"]) -> Float[Array, "points 3"]:
         """Points at rest in a shape."""
@@ -91,13 +104,6 @@ def hangs_on(parents: Int[Array, "joints"]) -> Float[Array, "joints joints"]:
     for joint in range(len(parents) - 1, 0, -1):
         below[parents[joint]] = np.maximum(below[parents[joint]], below[joint])
     return below
-
-
-def inertia(model: FitModel) -> Float[Array, "joints"]:
-    """How much a turn of each joint moves the model's points at rest: their mean squared distance from it, by weight, over all
-    that hangs on it (m²)."""
-    arms = ((model.points[:, None] - model.joints) ** 2).sum(axis=2)
-    return ((model.weights @ hangs_on(model.parents).T) * arms).mean(axis=0)
 
 
 def part_transforms(model: FitModel, state: BodyState) -> tuple[Float[Array, "joints 3"], Float[Array, "joints 3"]]:
@@ -160,7 +166,7 @@ def _by_shape(
         moved[:, joint] = moved[:, above] + step @ state.turns[above].T
     moved -= np.einsum("jab,kjb->kja", state.turns, model.joint_basis)
     shapes = len(model.spread)
-    own = np.matmul(blended, model.point_basis.transpose(1, 2, 0))
+    own = np.matmul(blended, model.basis_by_point)
     return own + (model.weights @ moved.transpose(1, 2, 0).reshape(len(model.parents), -1)).reshape(-1, 3, shapes)
 
 
