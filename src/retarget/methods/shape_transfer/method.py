@@ -40,8 +40,8 @@ class ShapeTransfer(CopySettings, Method):
     """What a contacts file asks for."""
     volumes: bool = True
     """Keep the volume of every part of the target."""
-    relax: int = 12
-    """Steps of the paper towards the target's local offsets, against creases; with none, a body given its own shape keeps
+    relax: int = 6
+    """Steps towards the target's local offsets, each as wide as two of the paper's, against creases; with none, a body given its own shape keeps
     every crease of its skin."""
     flesh: bool = True
     """Let skin give way where turning joints is not enough."""
