@@ -41,8 +41,8 @@ class ShapeTransfer(CopySettings, Method):
     volumes: bool = True
     """Keep the volume of every part of the target."""
     relax: int = 6
-    """Steps towards the target's local offsets, each as wide as two of the paper's, against creases; with none, a body given its own shape keeps
-    every crease of its skin."""
+    """Steps towards the target's local offsets, each as wide as two of the paper's, against creases; with none, a body given its
+    own shape keeps every crease of its skin."""
     flesh: bool = True
     """Let skin give way where turning joints is not enough."""
     low_pass: float = 0.0
