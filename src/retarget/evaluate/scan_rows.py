@@ -178,7 +178,7 @@ def online_cost(case: ScanCase, frames: int) -> dict[str, float]:
         if made.motion is not None:
             skinner.vertices(*world_pose(made.motion))
         spent.append(1000 * (time.perf_counter() - began))
-        if number % WATCHED == 0 and number >= WATCHED:
+        if number % min(WATCHED, max(1, frames // 6)) == 0:
             resident.append(_resident_mb())
     settled = np.array(spent[min(30, frames // 2) :])
     third = max(1, len(resident) // 3)

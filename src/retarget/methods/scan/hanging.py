@@ -7,10 +7,11 @@ looked at: a limb that is elsewhere leaves them on one side, a garment on most s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from retarget.body.human import human_model
 from retarget.methods.scan.cloud import binned
@@ -20,32 +21,36 @@ from retarget.rig.fit_model import BodyState
 
 Array = np.ndarray
 
-CLEAR = 0.05
-"""Metres outside the skin of an adult from which on a point may be of what hangs around it: clothes that are worn close reach to
-.04."""
+CLEAR, WIDE = 0.05, 0.1
+"""Metres outside the skin of an adult from which on points are of what hangs around it, where something does, and from which on
+they say that something does. Clothes that are worn close reach to .04, and where a guess errs skin lies 5 to 10 cm off."""
 DEEP = 0.9
 """Lengths of a leg below the hips down to which something may hang."""
 SIDES, FULL, MOST_SIDES = 8, 0.02, 4
 """Directions around the hips; the share of all hanging points that makes one of them full; how many must be."""
-LEAST = 0.04
-"""Share of the cloud that hangs where anything does."""
+LEAST = 0.06
+"""Share of the cloud that hangs so wide where anything does."""
 
 
-def skin_only(body: ScanBody, state: BodyState, cloud: Float[Array, "points 3"]) -> Float[Array, "kept 3"]:
-    """A cloud without what hangs around the hips and legs of a body in about that state; the cloud itself where nothing does."""
-    hanging = _far_out(body, state, cloud)
-    if hanging.sum() < LEAST * len(cloud):
+def skin_only(body: ScanBody, states: Sequence[BodyState], cloud: Float[Array, "points 3"]) -> Float[Array, "kept 3"]:
+    """A cloud without what hangs around the hips and legs of a body in about one of these states, whichever it is; the cloud
+    itself where nothing does."""
+    state = states[0]
+    away = np.min([_away(body, each, cloud) for each in states], axis=0)
+    wide = away > WIDE
+    if not wide.sum() > LEAST * len(cloud):
         return cloud
-    across = (cloud[hanging] - state.root) @ state.turns[0]
+    across = (cloud[wide] - state.root) @ state.turns[0]
     angle = np.arctan2(across[:, 0], across[:, 2])
     sides = np.bincount(((angle / (2 * np.pi) + 0.5) * SIDES).astype(np.int64) % SIDES, minlength=SIDES)
-    if (sides > FULL * hanging.sum()).sum() < MOST_SIDES:
+    if (sides > FULL * wide.sum()).sum() < MOST_SIDES:
         return cloud
-    return cloud[~hanging]
+    return cloud[away <= CLEAR]
 
 
-def _far_out(body: ScanBody, state: BodyState, cloud: Array) -> Bool[Array, "points"]:
-    """Points outside the skin, by `CLEAR` and more, from the waist to the ankles; hands, which hang there too, are skin."""
+def _away(body: ScanBody, state: BodyState, cloud: Array) -> Float[Array, "points"]:
+    """How far points lie outside the skin, in metres of an adult, from the waist to the ankles; hands, which hang there too, are
+    skin. 0 for all others."""
     posed, size = Posed.of(body, body.shaped(state.shape), state), relative_size(state)
     to_body, squares = binned(posed.points).nearest(cloud, FAR)
     near = np.maximum(to_body, 0)
@@ -54,7 +59,8 @@ def _far_out(body: ScanBody, state: BodyState, cloud: Array) -> Bool[Array, "poi
     leg = np.linalg.norm(np.diff(posed.joints[_leg()], axis=0), axis=1).sum()
     down = (cloud - state.root) @ -state.turns[0][:, 1]
     below = (down > -0.3 * leg) & (down < DEEP * leg)
-    return below & ((to_body < 0) | (outside & (squares > (CLEAR * size) ** 2)))
+    distance = np.where(to_body < 0, FAR, np.sqrt(np.where(to_body < 0, 0.0, squares)))
+    return np.where(below & (outside | (to_body < 0)), distance / size, 0.0)
 
 
 @lru_cache(maxsize=1)

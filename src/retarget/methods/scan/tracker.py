@@ -113,6 +113,8 @@ class Memory:
     """Frames since the body was found that fitted as right ones do."""
     held: int = 0
     """Frames in a row that were not believed."""
+    hung: bool = False
+    """Whether cloth hung around the body when it was found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +148,9 @@ class Tracker:
         expected = foretold
         if guesses:
             guess = alike(guesses, start)
-            expected, near = told_by(body, foretold, guess), skin_only(body, guess.state, near)
+            # Where cloth hung when the body was found, a body that grows into it must not say what is skin.
+            states = (guess.state,) if memory.hung else (guess.state, start)
+            expected, near = told_by(body, foretold, guess), skin_only(body, states, near)
         if len(near) < FEWEST:
             return self._hold(memory)
         fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, memory.shaped)
@@ -192,7 +196,7 @@ class Tracker:
         shown = memory.shown + USUAL * (limbs_shown(body, fit) - memory.shown)
         astray = memory.astray + USUAL * (1.0 - fit.explained - memory.astray)
         well = memory.well + (misfit(fit) < POOR)
-        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, memory.good + 1, shown, astray, well)]
+        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, memory.good + 1, shown, astray, well, hung=memory.hung)]
         return _seen(fit, FOLLOWED)
 
     def _hold(self, memory: Memory) -> Tracked:
@@ -212,7 +216,9 @@ class Tracker:
             precision = memory.shape_precision
         shaped, still = body.shaped(state.shape), np.zeros((BODY, 3))
         good, shown = 0 if memory is None else memory.good, limbs_shown(body, fit)
-        self.memory[:] = [Memory(state, shaped, still, np.zeros(3), precision, good, shown, 1.0 - fit.explained)]
+        hung = len(skin_only(body, (state,), cloud)) < len(cloud)
+        astray = 1.0 - fit.explained
+        self.memory[:] = [Memory(state, shaped, still, np.zeros(3), precision, good, shown, astray, hung=hung)]
         return _seen(replace(fit, state=state), FOUND)
 
     def found(self, cloud: Float[Array, "points 3"]) -> Fit | None:
@@ -226,7 +232,7 @@ class Tracker:
         anyone, fits = self.shape is None and not self.memory, []
         if self.regressor is not None:
             guesses = list(guessed_starts(body, self.regressor(cloud)))
-            skin = skin_only(body, guesses[0].state, cloud)
+            skin = skin_only(body, [guess.state for guess in guesses], cloud)
             cloud = skin if len(skin) >= FEWEST else cloud
             fits = [best_fit(body, guesses, cloud, unknown, anyone)]
         if not fits or misfit(fits[0]) > POOR:
