@@ -35,6 +35,8 @@ THIN_GIRTH = {
     "chest": 0.225, "abdomen": 0.20, "pelvis": 0.187, "UpperArm": 0.156, "Forearm": 0.111, "Thigh": 0.148, "Shin": 0.095,
 }  # fmt: skip
 """Median distance from the bone over the bone's length, measured on the embedded human of preset 'thin'."""
+SLIMMER = 0.95
+"""Ratio of girths from which on downwards a target is slimmer for good, and contacts of girth are let go."""
 
 
 def girths(character: Character, humanoid: Humanoid, parts: BodyParts) -> dict[str, float]:
@@ -47,10 +49,6 @@ def girths(character: Character, humanoid: Humanoid, parts: BodyParts) -> dict[s
             foot = _foot(rest[own], start, end)
             found[part] = float(np.median(np.linalg.norm(rest[own] - foot, axis=1)) / np.linalg.norm(end - start))
     return found
-
-
-SLIMMER = 0.95
-"""Ratio of girths down to which nothing is slimmer for good, and contacts of girth are let go."""
 
 
 def girth_kept(source: dict[str, float], target: dict[str, float]) -> Float[Array, "parts parts"]:

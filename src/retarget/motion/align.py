@@ -19,8 +19,8 @@ from retarget.contact.ground import ground_contacts
 from retarget.contact.support import leg_length, support_limbs, support_points
 from retarget.correspond.joints import Humanoid
 from retarget.errors import RetargetError
-from retarget.io.asset import Convention
 from retarget.geometry.riding import Riders
+from retarget.io.asset import Convention
 from retarget.motion.anatomy import Soles
 from retarget.motion.graft import Graft, graft
 

@@ -196,7 +196,8 @@ class Tracker:
         shown = memory.shown + USUAL * (limbs_shown(body, fit) - memory.shown)
         astray = memory.astray + USUAL * (1.0 - fit.explained - memory.astray)
         well = memory.well + (misfit(fit) < POOR)
-        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, memory.good + 1, shown, astray, well, hung=memory.hung)]
+        good, hung = memory.good + 1, memory.hung
+        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, good, shown, astray, well, hung=hung)]
         return _seen(fit, FOLLOWED)
 
     def _hold(self, memory: Memory) -> Tracked:
