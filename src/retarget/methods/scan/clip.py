@@ -123,7 +123,7 @@ def _between(
             (ROOT_BETWEEN * 30.0 / capture.fps) ** -2, shape, rigid,
         )  # fmt: skip
         state = BodyState(shape, world_turns(body, relative[frame]), root[frame])
-        cloud = skin_only(body, (state,), ready(capture.clouds[frame]))
+        cloud = skin_only(body, (state,), ready(capture.clouds[frame]), shaped)
         if len(cloud) < FEWEST:
             continue
         fit = fit_cloud(body, state, binned(cloud), expected, BETWEEN, False, shaped)

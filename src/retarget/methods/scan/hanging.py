@@ -16,7 +16,7 @@ from jaxtyping import Float
 from retarget.body.human import human_model
 from retarget.methods.scan.cloud import binned
 from retarget.methods.scan.fit import FAR, Posed, relative_size
-from retarget.methods.scan.scan_body import ScanBody
+from retarget.methods.scan.scan_body import ScanBody, ShapedBody
 from retarget.rig.fit_model import BodyState
 
 Array = np.ndarray
@@ -32,14 +32,18 @@ LEAST = 0.06
 """Share of the cloud that hangs so wide where anything does."""
 
 
-def skin_only(body: ScanBody, states: Sequence[BodyState], cloud: Float[Array, "points 3"]) -> Float[Array, "kept 3"]:
+def skin_only(
+    body: ScanBody, states: Sequence[BodyState], cloud: Float[Array, "points 3"], shaped: ShapedBody | None = None
+) -> Float[Array, "kept 3"]:
     """A cloud without what hangs around the hips and legs of a body in about one of these states, whichever it is; the cloud
-    itself where nothing does."""
-    state = states[0]
-    away = np.min([_away(body, each, cloud) for each in states], axis=0)
-    wide = away > WIDE
-    if not wide.sum() > LEAST * len(cloud):
-        return cloud
+    itself where nothing does. `shaped`, the body in a shape near theirs, saves making it."""
+    state, away = states[0], np.full(len(cloud), np.inf)
+    shaped = shaped or body.shaped(state.shape)
+    for each in states:
+        away = np.minimum(away, _away(body, each, cloud, body.reshaped(shaped, each.shape)))
+        wide = away > WIDE
+        if not wide.sum() > LEAST * len(cloud):
+            return cloud
     across = (cloud[wide] - state.root) @ state.turns[0]
     angle = np.arctan2(across[:, 0], across[:, 2])
     sides = np.bincount(((angle / (2 * np.pi) + 0.5) * SIDES).astype(np.int64) % SIDES, minlength=SIDES)
@@ -48,10 +52,10 @@ def skin_only(body: ScanBody, states: Sequence[BodyState], cloud: Float[Array, "
     return cloud[away <= CLEAR]
 
 
-def _away(body: ScanBody, state: BodyState, cloud: Array) -> Float[Array, "points"]:
+def _away(body: ScanBody, state: BodyState, cloud: Array, shaped: ShapedBody) -> Float[Array, "points"]:
     """How far points lie outside the skin, in metres of an adult, from the waist to the ankles; hands, which hang there too, are
     skin. 0 for all others."""
-    posed, size = Posed.of(body, body.shaped(state.shape), state), relative_size(state)
+    posed, size = Posed.of(body, shaped, state), relative_size(state)
     to_body, squares = binned(posed.points).nearest(cloud, FAR)
     near = np.maximum(to_body, 0)
     away = cloud - posed.points[near]

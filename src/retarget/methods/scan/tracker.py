@@ -150,7 +150,7 @@ class Tracker:
             guess = alike(guesses, start)
             # Where cloth hung when the body was found, a body that grows into it must not say what is skin.
             states = (guess.state,) if memory.hung else (guess.state, start)
-            expected, near = told_by(body, foretold, guess), skin_only(body, states, near)
+            expected, near = told_by(body, foretold, guess), skin_only(body, states, near, memory.shaped)
         if len(near) < FEWEST:
             return self._hold(memory)
         fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, memory.shaped)
@@ -217,7 +217,7 @@ class Tracker:
             precision = memory.shape_precision
         shaped, still = body.shaped(state.shape), np.zeros((BODY, 3))
         good, shown = 0 if memory is None else memory.good, limbs_shown(body, fit)
-        hung = len(skin_only(body, (state,), cloud)) < len(cloud)
+        hung = len(skin_only(body, (state,), cloud, shaped)) < len(cloud)
         astray = 1.0 - fit.explained
         self.memory[:] = [Memory(state, shaped, still, np.zeros(3), precision, good, shown, astray, hung=hung)]
         return _seen(replace(fit, state=state), FOUND)
