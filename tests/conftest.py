@@ -11,10 +11,12 @@ import retarget.contact.pair_kernels
 import retarget.contact.skin_kernels
 import retarget.evaluate.reference.ray_parity  # noqa: F401  (compiled loops: numba cannot take functions that are checked)
 import retarget.geometry.capture_kernels
+import retarget.geometry.closest_kernels
 import retarget.geometry.turn_kernels
 import retarget.methods.scan.cloud_kernels
 import retarget.methods.scan.fit_kernels
 import retarget.motion.limit_kernels
+import retarget.rig.fit_kernels
 import retarget.train.scan_kernels  # noqa: F401
 
 hook = install_import_hook("retarget", "beartype.beartype")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,11 @@ class Surface:
 
     def __len__(self) -> int:
         return len(self.vertices)
+
+    @cached_property
+    def leaders(self) -> Int[Array, "vertices"]:
+        """For each vertex the first one at its place (`weld`)."""
+        return weld(self.vertices)
 
 
 def decimate(surface: Surface, vertices: int) -> Surface:
@@ -58,7 +64,7 @@ def subdivide(surface: Surface) -> tuple[Surface, Any]:
 def cleaned(surface: Surface) -> Surface:
     """The same without faces of no area, faces that come twice and vertices that no face uses; copies of one place are one
     vertex."""
-    leader = weld(surface.vertices)
+    leader = surface.leaders
     faces = leader[surface.faces]
     faces = faces[proper(faces)]
     faces = faces[distinct(faces)]

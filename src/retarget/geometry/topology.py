@@ -29,7 +29,7 @@ def weld(
     rows = np.round((vertices - vertices.min(axis=0)) / tolerance)
     if attributes is not None:
         rows = np.concatenate([rows, np.round(attributes * 1e3)], axis=1)
-    _, first, cell = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    first, cell = _first_of_each(rows)
     # Copies that differ in the last bits may have been rounded into neighbouring cells.
     near = cKDTree(vertices[first]).query_pairs(tolerance, output_type="ndarray")
     if attributes is not None:
@@ -38,7 +38,7 @@ def weld(
     count, group = connected_components(joined, directed=False)
     leader = np.full(count, len(vertices))
     np.minimum.at(leader, group, first)
-    return leader[group[cell.ravel()]]
+    return leader[group[cell]]
 
 
 def proper(faces: Int[Array, "faces 3"]) -> Array:
@@ -51,8 +51,24 @@ def distinct(faces: Int[Array, "faces 3"]) -> Array:
     """Which faces are the first on their three corners (bool). Files for viewers that draw one side only hold every
     face twice, the copy turned over."""
     kept = np.zeros(len(faces), dtype=bool)
-    kept[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]] = True
+    kept[_first_of_each(np.sort(faces, axis=1))[0]] = True
     return kept
+
+
+def _first_of_each(rows: Array) -> tuple[Int[Array, "kept"], Int[Array, "rows"]]:
+    """Where each different row of whole numbers comes first, and which of these every row is: what `np.unique(axis=0)` gives
+    but for the order of the rows, by one number a row, many times as fast."""
+    key = np.zeros(len(rows), dtype=np.int64)
+    for column in rows.T.astype(np.int64):
+        column = column - column.min(initial=0)
+        side = int(column.max(initial=0)) + 1
+        if int(key.max(initial=0)) >= np.iinfo(np.int64).max // side:
+            key = np.unique(key, return_inverse=True)[1]
+        if int(key.max(initial=0)) >= np.iinfo(np.int64).max // side:
+            column, side = np.unique(column, return_inverse=True)[1], len(rows)
+        key = key * side + column
+    _, first, group = np.unique(key, return_index=True, return_inverse=True)
+    return first, group
 
 
 def unique_pairs(

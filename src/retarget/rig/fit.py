@@ -281,6 +281,8 @@ def _along(
 
     Pairs of one point share its derivatives, so their 3x3 metrics are added up first.
     """
+    from retarget.rig.fit_kernels import rooted
+
     metric = weight[:, None, None] * (normals[:, :, None] * normals[:, None, :] + across * np.eye(3))
     force = np.einsum("pab,pb->pa", metric, away)
     count = len(posed.points)
@@ -290,7 +292,8 @@ def _along(
     flat = jacobian.reshape(-1, jacobian.shape[2])
     metrics = metrics.reshape(-1, 3, 3)
     roots = np.linalg.cholesky(metrics + SINGULAR * float(metrics.max()) * np.eye(3))
-    half = np.matmul(roots.transpose(0, 2, 1), jacobian).reshape(flat.shape)
+    half = np.empty(flat.shape)
+    rooted(roots, jacobian, half.reshape(jacobian.shape))
     return half.T @ half, flat.T @ forces.ravel()  # half the work of a product that is not known to be symmetric
 
 
@@ -298,7 +301,8 @@ def _everywhere(
     jacobian: Float[Array, "points 3 parameters"], away: Float[Array, "points 3"], weight: Float[Array, "points"]
 ) -> tuple[Float[Array, "parameters parameters"], Float[Array, "parameters"]]:
     flat, heavy = jacobian.reshape(-1, jacobian.shape[2]), np.repeat(weight, 3)
-    return flat.T @ (flat * heavy[:, None]), flat.T @ (heavy * away.ravel())
+    half = flat * np.sqrt(heavy)[:, None]
+    return half.T @ half, flat.T @ (heavy * away.ravel())
 
 
 def _step(

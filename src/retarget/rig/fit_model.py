@@ -61,6 +61,13 @@ class FitModel:
         return np.ascontiguousarray(self.point_basis.transpose(1, 2, 0))
 
     @cached_property
+    def influences(self) -> tuple[Int[Array, "points influences"], Float[Array, "points influences"]]:
+        """`weights`, row by row without what is nought: joints in order, then as many of nought as make rows equally long."""
+        count = max(1, int((self.weights != 0.0).sum(axis=1).max(initial=0)))
+        columns = np.argsort(self.weights == 0.0, axis=1, kind="stable")[:, :count]
+        return np.ascontiguousarray(columns), np.take_along_axis(self.weights, columns, axis=1)
+
+    @cached_property
     def inertia(self) -> Float[Array, "joints"]:
         """How much a turn of each joint moves the points at rest: their mean squared distance from it, by weight, over all that
         hangs on it (m²)."""
@@ -126,48 +133,24 @@ def pose_body(model: FitModel, state: BodyState, derivatives: bool = False) -> P
     normals = rot.unit(np.einsum("pab,pb->pa", blended, model.normals))
     if not derivatives:
         return PosedBody(points, normals, joints, None)
-    jacobian = np.concatenate(
-        [_by_turns(model, state, rest, joints, offsets), _by_move(len(points)), _by_shape(model, state, blended)],
-        axis=2,
+    from retarget.rig.fit_kernels import fill_jacobian
+
+    columns, weights = model.influences
+    jacobian = np.empty((len(points), 3, 3 * len(joints) + 3 + len(model.spread)))
+    fill_jacobian(
+        model.parents, columns, weights, rest, model.basis_by_point, state.turns, offsets, joints, _moved(model, state), jacobian
     )
     return PosedBody(points, normals, joints, jacobian)
 
 
-def _by_turns(
-    model: FitModel,
-    state: BodyState,
-    rest: Float[Array, "points 3"],
-    joints: Float[Array, "joints 3"],
-    offsets: Float[Array, "joints 3"],
-) -> Float[Array, "points 3 turns"]:
-    """A turn of a joint carries all that hangs on it about the joint: the cross product with the weighted arm."""
-    below = hangs_on(model.parents)
-    carried = np.einsum("jab,pb->pja", state.turns, rest) + offsets
-    arms = np.matmul(below, model.weights[..., None] * carried) - (model.weights @ below.T)[..., None] * joints
-    jacobian = np.zeros((len(rest), 3, 3 * len(joints)))
-    for axis, (y, z) in enumerate(((1, 2), (2, 0), (0, 1))):
-        jacobian[:, y, axis::3] = -arms[..., z]
-        jacobian[:, z, axis::3] = arms[..., y]
-    return jacobian
-
-
-def _by_move(points: int) -> Float[Array, "points 3 3"]:
-    return np.broadcast_to(np.eye(3), (points, 3, 3))
-
-
-def _by_shape(
-    model: FitModel, state: BodyState, blended: Float[Array, "points 3 3"]
-) -> Float[Array, "points 3 shapes"]:
-    """Points and joints that a coefficient moves at rest, carried into the pose."""
-    moved = np.zeros_like(model.joint_basis)
+def _moved(model: FitModel, state: BodyState) -> Float[Array, "joints 3 shapes"]:
+    """How the offset of each part's rigid move changes with a coefficient of the shape."""
+    basis = model.joint_basis.transpose(1, 2, 0)
+    placed = np.zeros(basis.shape)
     for joint in range(1, len(model.parents)):
         above = model.parents[joint]
-        step = model.joint_basis[:, joint] - model.joint_basis[:, above]
-        moved[:, joint] = moved[:, above] + step @ state.turns[above].T
-    moved -= np.einsum("jab,kjb->kja", state.turns, model.joint_basis)
-    shapes = len(model.spread)
-    own = np.matmul(blended, model.basis_by_point)
-    return own + (model.weights @ moved.transpose(1, 2, 0).reshape(len(model.parents), -1)).reshape(-1, 3, shapes)
+        placed[joint] = placed[above] + state.turns[above] @ (basis[joint] - basis[above])
+    return placed - state.turns @ basis
 
 
 def moved_state(state: BodyState, step: Float[Array, "parameters"], parents: Int[Array, "joints"]) -> BodyState:

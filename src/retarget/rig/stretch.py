@@ -33,18 +33,24 @@ class Filling:
     filled: Int[Array, "filled"]
     own: Any
     """Factor of the Laplacian over them."""
+    around: Int[Array, "around"]
+    """The vertices that they have edges to and that are not filled."""
     others: Any
-    """Their edges to the others (filled x vertices)."""
+    """Those edges (filled x around)."""
+    changed: Int[Array, "changed"]
+    """What has another value afterwards: the filled, and copies of other vertices, which take those' values."""
 
     def of(self, values: Float[Array, "vertices columns"]) -> Float[Array, "vertices columns"]:
         """The values with the filled ones replaced."""
         if not len(self.filled):
             return values
-        known = self.others @ values[self.leader] + LEAST * values[self.filled]
+        known = self.others @ values[self.leader[self.around]] + LEAST * values[self.filled]
         found = values.copy()
         found[self.filled] = np.clip(self.own.solve(np.ascontiguousarray(known)), 0.0, None)
-        found = found[self.leader]
-        return found / np.maximum(found.sum(axis=1, keepdims=True), 1e-12) * values.sum(axis=1, keepdims=True)
+        found[self.changed] = found[self.leader[self.changed]]
+        sums = values[self.changed].sum(axis=1, keepdims=True)
+        found[self.changed] *= sums / np.maximum(found[self.changed].sum(axis=1, keepdims=True), 1e-12)
+        return found
 
 
 def fill_stretched(mesh: Surface, rest: Float[Array, "vertices 3"], rings: int = 0) -> Filling:
@@ -57,7 +63,8 @@ def fill_stretched(mesh: Surface, rest: Float[Array, "vertices 3"], rings: int =
     apart = np.linalg.norm(rest[leader][edges[:, 0]] - rest[leader][edges[:, 1]], axis=1)
     stretched = apart > STRETCHED * lengths + APART
     if not stretched.any():
-        return Filling(leader, np.zeros(0, dtype=np.int64), None, None)
+        nothing = np.zeros(0, dtype=np.int64)
+        return Filling(leader, nothing, None, nothing, None, nothing)
     weight = 1.0 / np.maximum(lengths, 1e-3 * HEIGHT)
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
     graph = coo_matrix((np.tile(weight, 2), (rows, columns)), shape=(len(mesh), len(mesh))).tocsr()
@@ -70,4 +77,6 @@ def fill_stretched(mesh: Surface, rest: Float[Array, "vertices 3"], rings: int =
     own = diags(np.asarray(among.sum(axis=1)).ravel()) - among[:, filled] + LEAST * identity(len(filled))
     outside = np.ones(len(mesh))
     outside[filled] = 0.0
-    return Filling(leader, filled, splu(own.tocsc()), among @ diags(outside))
+    around = np.flatnonzero(outside * (np.asarray(among.sum(axis=0)).ravel() > 0.0))
+    changed = np.flatnonzero((inside[leader] > 0.0) | (leader != np.arange(len(mesh))))
+    return Filling(leader, filled, splu(own.tocsc()), around, among[:, around], changed)

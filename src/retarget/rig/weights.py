@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from retarget.geometry.closest import Places, SurfaceIndex
 from retarget.geometry.resample import Surface
-from retarget.geometry.topology import pieces, unique_pairs, vertex_normals, weld
+from retarget.geometry.topology import pieces, unique_pairs, vertex_normals
 from retarget.rig.fit import HEIGHT, LIKE_NORMALS
 from retarget.rig.registration import Registered
 
@@ -120,7 +120,7 @@ def rigid_pieces(
 
 def _vertex_pieces(mesh: Surface) -> Int[Array, "vertices"]:
     """The piece of each vertex, copies at one place counted as one; vertices of no face are pieces of their own."""
-    leader = weld(mesh.vertices)
+    leader = mesh.leaders
     label = np.arange(len(mesh), 2 * len(mesh))
     faces = leader[mesh.faces]
     label[faces] = pieces(faces, len(mesh))[:, None]
@@ -131,7 +131,7 @@ def welded_edges(
     mesh: Surface,
 ) -> tuple[Int[Array, "vertices"], Int[Array, "edges 2"], Float[Array, "edges"]]:
     """For each vertex the one that stands for all at its place; edges between those, and their lengths."""
-    leader = weld(mesh.vertices)
+    leader = mesh.leaders
     edges, _, _ = unique_pairs(np.sort(leader[mesh.faces][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1))
     edges = edges[edges[:, 0] != edges[:, 1]]
     return leader, edges, np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
