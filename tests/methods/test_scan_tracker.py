@@ -8,7 +8,10 @@ from made_scans import StandIn, capture
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import forward
+from retarget.body.skinning import skin_motion
 from retarget.character import PointMotion
+from retarget.evaluate.scan_cases import SCANNER, scanned
+from retarget.geometry.clothes import Outfit, dressed
 from retarget.methods.scan.clip import follow_clip
 from retarget.methods.scan.fit import Expected, rotation_vectors, turn_matrices, world_turns
 from retarget.methods.scan.scan_body import BODY, scan_body
@@ -63,6 +66,18 @@ def test_the_actor_has_the_performer_s_bones(walk, followed):
     own, true = (each.skeleton.offsets for each in (followed[1].character(), walk.character))
     leg = lambda offsets: np.linalg.norm(offsets[[11, 12]], axis=1).sum()  # noqa: E731
     assert abs(leg(own) / leg(true) - 1) < 0.015
+
+
+def test_a_body_does_not_grow_into_a_skirt():
+    """Nor where a scanner sees next to nothing but the cloth."""
+    worn, motion = dressed(performer(), Outfit(skirt=1.0, flare=0.2)), part_of("walk", 30, 8)
+    seen = scanned(SCANNER, skin_motion(worn, motion), worn.mesh.faces, motion.fps, seed=1)
+    tracker = Tracker(StandIn(capture(worn, motion, points=1000)))
+    for cloud in seen.clouds:
+        tracker.step(cloud)
+    own, true = (each.skeleton.offsets for each in (tracker.character(), performer()))
+    leg = lambda offsets: np.linalg.norm(offsets[[11, 12]], axis=1).sum()  # noqa: E731
+    assert abs(leg(own) / leg(true) - 1) < 0.05
 
 
 def test_bones_stay_once_the_shape_is_known(walk):

@@ -7,7 +7,7 @@ joint too, which places alone do not tell. `train/skeleton_regressor.py` is its 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -74,6 +74,10 @@ class Regressor:
         places = found.places[0].astype(np.float64) + clouds.middles[0]
         turns = rot.from_matrix(found.turns[0].astype(np.float64))
         return FoundJoints(human_model().joint_names[:JOINTS], places, turns, doubts[0].astype(np.float64))
+
+    def glance(self, points: Float[Array, "points 3"]) -> FoundJoints:
+        """The same without copies."""
+        return replace(self, copies=False)(points)
 
     def find(self, clouds: Clouds) -> tuple[Bodies, Float[Array, "clouds joints"]]:
         """Joints in many thinned clouds, from their middles, and the expected error of each (metres)."""

@@ -20,7 +20,7 @@ from retarget.methods.scan.fit import (
     turn_matrices,
     world_turns,
 )
-from retarget.methods.scan.hanging import skin_only
+from retarget.methods.scan.hanging import Cloth, grown_into, skin_only
 from retarget.methods.scan.recover import POOR, alike, limbs_shown, seen_elsewhere, sought_elsewhere, straightened
 from retarget.methods.scan.scan_body import BODY, ScanBody, ShapedBody, scan_body
 from retarget.methods.scan.starts import Regressor, Start, best_fit, guessed_starts, misfit, stances
@@ -113,8 +113,8 @@ class Memory:
     """Frames since the body was found that fitted as right ones do."""
     held: int = 0
     """Frames in a row that were not believed."""
-    hung: bool = False
-    """Whether cloth hung around the body when it was found."""
+    cloth: Cloth | None = None
+    """What hung around the body when it was found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +144,17 @@ class Tracker:
         shaping = self.shape is None and memory.good < self.settled
         foretold = self._foretold(body, memory)
         start = BodyState(memory.state.shape, world_turns(body, foretold.turns), foretold.root)
-        guesses = [] if self.regressor is None else list(guessed_starts(body, self.regressor(near)))
+        guesses = [] if self.regressor is None else list(guessed_starts(body, self._look(memory)(near)))
         expected = foretold
         if guesses:
             guess = alike(guesses, start)
             # Where cloth hung when the body was found, a body that grows into it must not say what is skin.
-            states = (guess.state,) if memory.hung else (guess.state, start)
+            states = (guess.state,) if memory.cloth else (guess.state, start)
             expected, near = told_by(body, foretold, guess), skin_only(body, states, near, memory.shaped)
+            if memory.cloth and shaping:
+                memory = _dressed(body, memory, memory.cloth.told_of(body, guess.state.shape, memory.state.shape))
+                shaping = not memory.cloth.overgrown
+                start, expected = replace(start, shape=memory.state.shape), replace(expected, shape=memory.state.shape)
         if len(near) < FEWEST:
             return self._hold(memory)
         fit = fit_cloud(body, start, binned(near), expected, REACHES, shaping, memory.shaped)
@@ -158,6 +162,11 @@ class Tracker:
         if misfit(fit) > ALMOST or fit.explained < 0.4:
             return self._hold(memory)
         return self._follow(body, memory, foretold, fit)
+
+    def _look(self, memory: Memory) -> Regressor:
+        """The regressor; where the body was followed well, and nothing hangs around it, the regressor's glance if it has one."""
+        followed = memory.well > SURE and not memory.cloth and not memory.held
+        return getattr(self.regressor, "glance", self.regressor) if followed else self.regressor
 
     def _doubted(self, body: ScanBody, memory: Memory, fit: Fit, points: Array, expected: Expected, guesses: list[Start]) -> Fit:
         """The same fit, or a better one where limbs are no longer shown, or a regressor sees them elsewhere."""
@@ -196,8 +205,8 @@ class Tracker:
         shown = memory.shown + USUAL * (limbs_shown(body, fit) - memory.shown)
         astray = memory.astray + USUAL * (1.0 - fit.explained - memory.astray)
         well = memory.well + (misfit(fit) < POOR)
-        good, hung = memory.good + 1, memory.hung
-        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, good, shown, astray, well, hung=hung)]
+        good, cloth = memory.good + 1, memory.cloth
+        self.memory[:] = [Memory(fit.state, shaped, speed, root_speed, precision, good, shown, astray, well, cloth=cloth)]
         return _seen(fit, FOLLOWED)
 
     def _hold(self, memory: Memory) -> Tracked:
@@ -217,10 +226,14 @@ class Tracker:
             precision = memory.shape_precision
         shaped, still = body.shaped(state.shape), np.zeros((BODY, 3))
         good, shown = 0 if memory is None else memory.good, limbs_shown(body, fit)
-        hung = len(skin_only(body, (state,), cloud, shaped)) < len(cloud)
         astray = 1.0 - fit.explained
-        self.memory[:] = [Memory(state, shaped, still, np.zeros(3), precision, good, shown, astray, hung=hung)]
-        return _seen(replace(fit, state=state), FOUND)
+        now = Memory(state, shaped, still, np.zeros(3), precision, good, shown, astray)
+        if self.regressor is not None and len(skin_only(body, (state,), cloud, shaped)) < len(cloud):
+            told = alike(list(guessed_starts(body, self.regressor(cloud))), state).state.shape
+            cloth = (memory and memory.cloth) or Cloth(told, overgrown=grown_into(body, state.shape, told))
+            now = _dressed(body, now, cloth) if shaping else replace(now, cloth=cloth)
+        self.memory[:] = [now]
+        return _seen(replace(fit, state=now.state), FOUND)
 
     def found(self, cloud: Float[Array, "points 3"]) -> Fit | None:
         """The body where it fits best, whatever was before, in a cloud that `ready` made; None where points are too few."""
@@ -260,6 +273,13 @@ class Tracker:
         """The actor as known by now: the embedded human in the shape seen so far."""
         shape = self.memory[0].state.shape if self.memory else self.shape
         return scan_body().character(np.zeros(scan_body().shapes) if shape is None else shape)
+
+
+def _dressed(body: ScanBody, memory: Memory, cloth: Cloth) -> Memory:
+    """The same knowing what hangs around the body, in the shape that was told where it has grown into that."""
+    if not cloth.overgrown:
+        return replace(memory, cloth=cloth)
+    return replace(memory, cloth=cloth, state=replace(memory.state, shape=cloth.told), shaped=body.shaped(cloth.told))
 
 
 def ready(points: Shaped[Array, "points 3"]) -> Float[Array, "ready 3"]:
