@@ -35,7 +35,7 @@ Array = np.ndarray
 
 JOINT_WEIGHT, ROTATION_WEIGHT, CRITIC_WEIGHT, CALM_WEIGHT = 10.0, 1.0, 0.05, 1.0
 AUTHORS_EXAMPLES = 1000 * 2_330
-SETTINGS = Settings(steps=20_000, batch=16, rate=3e-4, decay=0.0, every=100, checks=20_000)
+SETTINGS = Settings(steps=2_500, batch=16, rate=3e-4, decay=0.0, every=100, checks=20_000)
 
 
 @dataclass(frozen=True)
