@@ -6,6 +6,7 @@ from made_motions import body, walk
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import (
+    FEW,
     forward,
     joint_transforms,
     levels,
@@ -37,10 +38,11 @@ def test_an_arm_bent_twice_by_a_right_angle():
     assert np.allclose(rot.rotate(turns[0, 2], np.array([1.0, 0, 0])), [-1, 0, 0])
 
 
-def test_forward_agrees_with_matrices():
+@pytest.mark.parametrize("frames", [5, FEW + 1])
+def test_forward_agrees_with_matrices(frames):
     rng = np.random.default_rng(0)
     parents = np.array([-1, 0, 0, 1, 3, 2, 4])
-    rotations, positions = rot.normalise(rng.normal(size=(5, 7, 4))), rng.normal(size=(5, 7, 3))
+    rotations, positions = rot.normalise(rng.normal(size=(frames, 7, 4))), rng.normal(size=(frames, 7, 3))
     world = joint_transforms(*forward(parents, rotations, positions))
     local = joint_transforms(rotations, positions)
     for joint, parent in enumerate(parents):

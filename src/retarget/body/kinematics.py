@@ -13,6 +13,9 @@ from retarget.character import Motion, Skeleton
 
 Array = np.ndarray
 
+FEW = 64
+"""Frames up to which `_forward_few` takes less time: a fourth for one frame, equally much for a hundred."""
+
 
 def levels(parents: Int[Array, "joints"]) -> tuple[Int[Array, "level"], ...]:
     """Joints grouped by their depth in the tree, root first: a group needs only the groups before it."""
@@ -36,6 +39,8 @@ def forward(
     positions: Float[Array, "*frames joints 3"],
 ) -> tuple[Float[Array, "*frames joints 4"], Float[Array, "*frames joints 3"]]:
     """World rotations and positions of all joints from local ones (parent-from-joint)."""
+    if rotations[..., 0, 0].size <= FEW:
+        return _forward_few(parents, rotations, positions)
     world_rotations, world_positions = np.empty_like(rotations), np.empty(rotations.shape[:-1] + (3,))
     for level in levels(parents):
         above = parents[level]
@@ -47,6 +52,23 @@ def forward(
         world_rotations[..., level, :] = rot.multiply(turn, rotations[..., level, :])
         world_positions[..., level, :] = world_positions[..., above, :] + rot.rotate(turn, positions[..., level, :])
     return world_rotations, world_positions
+
+
+def _forward_few(
+    parents: Int[Array, "joints"],
+    rotations: Float[Array, "*frames joints 4"],
+    positions: Float[Array, "*frames joints 3"],
+) -> tuple[Float[Array, "*frames joints 4"], Float[Array, "*frames joints 3"]]:
+    """`forward` of few frames, where the number of calls is what takes time: one product with a matrix for each level."""
+    first, *others = levels(parents)
+    turns, right = rotations.copy(), rot.right_matrices(rotations)
+    for level in others:
+        turns[..., level, :] = np.matmul(right[..., level, :, :], turns[..., parents[level], :, None])[..., 0]
+    places = rot.rotate(turns[..., np.maximum(parents, 0), :], positions)
+    places[..., first, :] = positions[..., first, :]
+    for level in others:
+        places[..., level, :] += places[..., parents[level], :]
+    return turns, places
 
 
 def local_rotations(

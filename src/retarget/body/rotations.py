@@ -11,6 +11,13 @@ from jaxtyping import Float
 Array = np.ndarray
 
 IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
+_RIGHT = np.array([
+    [[0, 0, 0, 1], [0, 0, 1, 0], [0, -1, 0, 0], [-1, 0, 0, 0]],
+    [[0, 0, -1, 0], [0, 0, 0, 1], [1, 0, 0, 0], [0, -1, 0, 0]],
+    [[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1], [0, 0, -1, 0]],
+    [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+], dtype=np.float64).reshape(4, 16)  # fmt: skip
+"""Of each component of b its part in the matrix of a b as a function of a."""
 
 
 def multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) -> Float[Array, "*batch 4"]:
@@ -23,6 +30,11 @@ def multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) -> Floa
     out[..., 2] = aw * bz + ax * by - ay * bx + az * bw
     out[..., 3] = aw * bw - ax * bx - ay * by - az * bz
     return out
+
+
+def right_matrices(b: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 4"]:
+    """Matrices that `b` multiplies by from the right: R(b) a = a b."""
+    return (b @ _RIGHT).reshape(b.shape + (4,))
 
 
 def inverse(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:

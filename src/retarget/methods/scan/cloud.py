@@ -34,6 +34,8 @@ class Bins:
     dims: Int[Array, "3"]
     starts: Int[Array, "_"]
     order: Int[Array, "points"]
+    by_cell: Float[Array, "points 3"]
+    """The points in this order."""
 
     def nearest(self, queries: Float[Array, "queries 3"], reach: float) -> tuple[Int[Array, "queries"], Float[Array, "queries"]]:
         """The nearest point to each query at about `reach` metres or less, -1 where there is none, and squared distances."""
@@ -41,7 +43,7 @@ class Bins:
 
         found, squares = np.empty(len(queries), dtype=np.int32), np.empty(len(queries))
         rings = max(1, int(np.ceil(reach / BIN)))
-        kernels.nearest(queries, self.points, self.low, BIN, self.dims, self.starts, self.order, rings, found, squares)
+        kernels.nearest(queries, self.by_cell, self.low, BIN, self.dims, self.starts, self.order, rings, found, squares)
         return found, squares
 
 
@@ -55,7 +57,7 @@ def binned(points: Float[Array, "points 3"]) -> Bins:
     dims = np.minimum(((high - low) / BIN).astype(np.int64) + 1, 400)
     starts, order = np.empty(int(dims.prod()) + 1, dtype=np.int32), np.empty(len(points), dtype=np.int32)
     kernels.fill_bins(points, low, BIN, dims, starts, order)
-    return Bins(points, low, dims, starts, order)
+    return Bins(points, low, dims, starts, order, points[order])
 
 
 def thinned(points: Shaped[Array, "points 3"], most: int = MOST) -> Float[Array, "thinned 3"]:

@@ -70,35 +70,57 @@ def fill_bins(points, low, cell, dims, starts, order):
 @njit(**OPTIONS)
 def nearest(queries, points, low, cell, dims, starts, order, rings, found, squares):
     """For every query the nearest binned point within `rings` cells around its own, and the squared distance; -1 where there is
-    none. Rings are looked at from the inside out, until no farther one can hold a nearer point."""
-    middle = np.empty(3, dtype=np.int64)
+    none. `points` lie cell by cell, `order` are their numbers. Rings are looked at from the inside out, until no farther one can
+    hold a nearer point; of equally near ones the first number is taken."""
+    middle, inside = np.empty(3, dtype=np.int64), np.empty(3)
     for q in range(len(queries)):
         best, at = np.inf, -1
-        x, y, z = queries[q, 0], queries[q, 1], queries[q, 2]
         wall = cell
         for axis in range(3):
             place = (queries[q, axis] - low[axis]) / cell
             middle[axis] = int(np.floor(place))
-            wall = min(wall, cell * (place - middle[axis]), cell * (middle[axis] + 1 - place))
+            inside[axis] = cell * (place - middle[axis])
+            wall = min(wall, inside[axis], cell - inside[axis])
         for ring in range(rings + 1):
             reached = (ring - 1) * cell + wall  # a point in this ring is no nearer than this
             if ring > 0 and best <= reached * reached:
                 break
+            first, last = max(middle[2] - ring, 0), min(middle[2] + ring, dims[2] - 1)
             for i in range(max(middle[0] - ring, 0), min(middle[0] + ring, dims[0] - 1) + 1):
+                aside = _beyond(i - middle[0], inside[0], cell)
                 for j in range(max(middle[1] - ring, 0), min(middle[1] + ring, dims[1] - 1) + 1):
-                    rim = abs(i - middle[0]) == ring or abs(j - middle[1]) == ring
-                    step = 1 if rim or ring == 0 else 2 * ring
-                    for k in range(middle[2] - ring, middle[2] + ring + 1, step):
-                        if k < 0 or k >= dims[2]:
-                            continue
-                        here = (i * dims[1] + j) * dims[2] + k
-                        for place in range(starts[here], starts[here + 1]):
-                            p = order[place]
-                            a, b, c = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
-                            square = a * a + b * b + c * c
-                            if square < best or (square == best and p < at):
-                                best, at = square, p
+                    over = _beyond(j - middle[1], inside[1], cell)
+                    if aside * aside + over * over > best:
+                        continue
+                    row = (i * dims[1] + j) * dims[2]
+                    if ring == 0 or abs(i - middle[0]) == ring or abs(j - middle[1]) == ring:
+                        if first <= last:
+                            begin, end = starts[row + first], starts[row + last + 1]
+                            best, at = _nearest_of(queries, q, points, order, begin, end, best, at)
+                        continue
+                    for k in (middle[2] - ring, middle[2] + ring):
+                        if 0 <= k < dims[2]:
+                            begin, end = starts[row + k], starts[row + k + 1]
+                            best, at = _nearest_of(queries, q, points, order, begin, end, best, at)
         found[q], squares[q] = at, best
+
+
+@njit(**OPTIONS)
+def _beyond(cells, inside, cell):
+    """How far a cell so many cells away begins, from a place that lies so far inside its own."""
+    if cells > 0:
+        return cells * cell - inside
+    return inside - (cells + 1) * cell if cells < 0 else 0.0
+
+
+@njit(**OPTIONS)
+def _nearest_of(queries, q, points, order, begin, end, best, at):
+    for place in range(begin, end):
+        a, b, c = points[place, 0] - queries[q, 0], points[place, 1] - queries[q, 1], points[place, 2] - queries[q, 2]
+        square = a * a + b * b + c * c
+        if square < best or (square == best and order[place] < at):
+            best, at = square, order[place]
+    return best, at
 
 
 @njit(**OPTIONS)
