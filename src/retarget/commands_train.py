@@ -10,14 +10,17 @@ from typing import Any
 
 from retarget.errors import RetargetError, unknown_name
 
-RECIPES: dict[str, str] = {
-    "skeleton-regressor": "skeleton_regressor",
-    "skinning-field": "skinning_field",
-    "paper-skr": "paper_regressor",
-    "paper-smrm": "paper_motion",
-    "paper-skin": "paper_skinning",
+RECIPES: dict[str, tuple[str, dict[str, Any]]] = {
+    "skeleton-regressor": ("skeleton_regressor", {}),
+    "skinning-field": ("skinning_field", {}),
+    "paper-skr": ("paper_regressor", {}),
+    "paper-skr-bones": ("paper_regressor", {"bone_weight": 1.0}),
+    "paper-smrm": ("paper_motion", {}),
+    "paper-smrm-no-cycle": ("paper_motion", {"rotation_weight": 0.0}),
+    **{f"paper-smrm-context-{frames}": ("paper_motion", {"context": frames}) for frames in (5, 10, 15, 60)},
+    "paper-skin": ("paper_skinning", {}),
 }
-"""Modules of `train` by the names of their networks."""
+"""Modules of `train` by the names of their networks, and what a variant (the ablations of Rekik 2023) does otherwise."""
 
 
 def train_network(name: str, folder: Path, data: Path | None, steps: int | None, weights: Path | None) -> dict[str, Any]:
@@ -33,14 +36,16 @@ def train_network(name: str, folder: Path, data: Path | None, steps: int | None,
         from retarget.train import judge
         from retarget.train.loop import train
 
-        module = importlib.import_module(f"retarget.train.{RECIPES[name]}")
+        file, otherwise = RECIPES[name]
+        module = importlib.import_module(f"retarget.train.{file}")
     except ModuleNotFoundError as error:
         raise RetargetError(f"training needs {error.name}, which is not installed: pip install 'retarget[train]'") from None
-    recipe = module.recipe(data, folder / "cache")
+    recipe = module.recipe(data, folder / "cache", **otherwise)
     settings = module.SETTINGS if steps is None else replace(module.SETTINGS, steps=steps)
     state = train(recipe, settings, folder)
     into = weights or folder / "weights"
-    module.export(state.mean, into, {"steps": str(state.step), "seed": str(settings.seed)})
+    told = {"network": name, "steps": str(state.step), "seed": str(settings.seed), "seconds": f"{state.seconds:.0f}"}
+    module.export(state.mean, into, told)
     report = {"network": name, "steps": state.step, "processor seconds": round(state.seconds), "weights": str(into)}
     if name == "skeleton-regressor":
         report["test set"] = judge.judge_regressor(into, data, folder / "cache")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +35,10 @@ from retarget.retargeting import prepare
 
 Array = np.ndarray
 
+WEIGHTS = "RETARGET_REFERENCE_WEIGHTS"
+"""Variable of the environment that names the folder of the paper's networks' weights, where they have been trained."""
+CONTEXTS = (5, 10, 15, 30, 60)
+"""Frames after which all is forgotten, in rows of their own (the paper's table 3)."""
 WATCHED = 25
 """Frames between looks at the memory."""
 COPIED = CopyRotations(one_rig=True, foot_lock=False, steady=False)
@@ -41,6 +47,7 @@ COPY, DEFORMATION = "copy of true rotations", "deformation transfer, true map"
 REGRESSED, ONLINE, OURS, CONTACTS, BARE = (
     "ours, no fitting", "ours, online", "ours", "ours, contacts repaired", "ours, target without a rig",
 )  # fmt: skip
+PUBLISHED = "Rekik 2023, trained here"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +58,8 @@ class Shown:
     vertices: Float[Array, "frames vertices 3"]
 
 
-def rows_of(case: ScanCase, bare: bool = False) -> Iterator[tuple[dict[str, Any], Shown]]:
-    """Figures and what was made, by every row; `bare` adds the target whose rig is found first."""
+def rows_of(case: ScanCase, bare: bool = False, contexts: bool = False) -> Iterator[tuple[dict[str, Any], Shown]]:
+    """Figures and what was made, by every row; `bare` adds the target whose rig is found first, `contexts` rows that forget."""
     truth = shown(case.target, case.truth)
     source, target = cast(case.source), cast(case.target)
 
@@ -66,6 +73,15 @@ def rows_of(case: ScanCase, bare: bool = False) -> Iterator[tuple[dict[str, Any]
     regressed = regressed_motion(case.capture)
     made = prepare(cast(regressed[0]), target, COPIED)(regressed[1]).motion
     yield judged(REGRESSED, shown(case.target, made), time.perf_counter() - began)
+    for variant, networks in _published().items():
+        began = time.perf_counter()
+        made = Shown(*networks.retargeted(case.capture, case.target, truth.joints[0, 0]))
+        hours = sum(networks.seconds.values()) / 3600
+        spent = time.perf_counter() - began
+        yield judged(f"{PUBLISHED}{variant and ': '}{variant}", made, spent, hours_trained=hours)
+    for frames in (*CONTEXTS, len(case.capture)) if contexts else ():
+        told = frames if frames in CONTEXTS else "all"
+        yield judged(f"{ONLINE}, {told} frames", _forgetful(case, target, frames))
     seen = None
     for method, causal in ((ONLINE, True), (OURS, False)):
         began = time.perf_counter()
@@ -87,6 +103,31 @@ def rows_of(case: ScanCase, bare: bool = False) -> Iterator[tuple[dict[str, Any]
         rigged = rigged_target(case.target)
         made = prepare(seen.actor, rigged, COPIED)(seen.motion).motion
         yield judged(BARE, shown(rigged.character, made, rigged))
+
+
+def _forgetful(case: ScanCase, target: Actor, frames: int) -> Shown:
+    """Online, with everything forgotten every so many frames, the actor's shape too."""
+    parts = []
+    for first in range(0, len(case.capture), frames):
+        clouds = case.capture.clouds[first : first + frames]
+        try:
+            seen = cast_scan(replace(case.capture, clouds=clouds), causal=True)
+            parts.append(shown(case.target, prepare(seen.actor, target, COPIED)(seen.motion).motion))
+        except RetargetError:  # nobody found
+            still = stands_still(case)
+            parts.append(Shown(still.joints[: len(clouds)], still.vertices[: len(clouds)]))
+    return Shown(np.concatenate([each.joints for each in parts]), np.concatenate([each.vertices for each in parts]))
+
+
+@lru_cache(maxsize=1)
+def _published() -> Mapping[str, Any]:
+    """The paper's networks by variant, where `WEIGHTS` says that they are."""
+    folder = os.environ.get(WEIGHTS)
+    if not folder:
+        return {}
+    from retarget.evaluate.reference.scan_pipeline import load_published
+
+    return load_published(Path(folder))
 
 
 def stands_still(case: ScanCase) -> Shown:

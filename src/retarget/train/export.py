@@ -64,7 +64,7 @@ class Graph:
         part.rename(path)
 
 
-def save_reference(network: nn.Module, folder: Path, name: str, told: Mapping[str, str]) -> None:
-    """The weights of a network of `evaluate/reference`, which stays torch's own: `name.pt`."""
+def save_reference(network: nn.Module, folder: Path, told: Mapping[str, str]) -> None:
+    """The weights of a network of `evaluate/reference`, which stays torch's own, under the network's name: `paper-skr.pt`."""
     folder.mkdir(parents=True, exist_ok=True)
-    torch.save({"weights": network.state_dict(), **told}, folder / f"{name}.pt")
+    torch.save({"weights": network.state_dict(), **told}, folder / f"{told['network']}.pt")

@@ -131,11 +131,11 @@ def _paths(data: Path | None, context: int) -> Paths:
     return Paths(rotations, hips, np.concatenate(starts))
 
 
-def recipe(data: Path | None, cache: Path) -> PaperMotionRecipe:
-    """The recipe over clips below `data`, with bodies baked into `cache`."""
-    return PaperMotionRecipe(data, cache)
+def recipe(data: Path | None, cache: Path, **otherwise: Any) -> PaperMotionRecipe:
+    """The recipe over clips below `data`, with bodies baked into `cache`; `otherwise` as `PaperMotionRecipe` takes it."""
+    return PaperMotionRecipe(data, cache, **otherwise)
 
 
 def export(network: nn.Module, folder: Path, told: Mapping[str, str]) -> None:
-    """Write the weights into a folder; `told` goes with them."""
-    save_reference(network, folder, PaperMotionRecipe.name, told)
+    """Write the retargeter's weights into a folder; `told` goes with them. The critic has done its work."""
+    save_reference(network.retargeter, folder, told)

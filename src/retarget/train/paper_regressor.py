@@ -74,12 +74,12 @@ def drawn_points(clouds: Clouds, number: int) -> Array:
     return np.take_along_axis(clouds.places, chosen[..., None], axis=1)
 
 
-def recipe(data: Path | None, cache: Path) -> PaperRegressorRecipe:
+def recipe(data: Path | None, cache: Path, bone_weight: float = 0.0) -> PaperRegressorRecipe:
     """The recipe over clips below `data`, with bodies baked into `cache`."""
     judge = prepare_clouds("validation", data, cache, seed=1)
-    return PaperRegressorRecipe(prepare_clouds("training", data, cache), judge)
+    return PaperRegressorRecipe(prepare_clouds("training", data, cache), judge, bone_weight)
 
 
 def export(network: nn.Module, folder: Path, told: Mapping[str, str]) -> None:
     """Write the weights into a folder; `told` goes with them."""
-    save_reference(network, folder, PaperRegressorRecipe.name, told)
+    save_reference(network, folder, told)

@@ -79,4 +79,4 @@ def recipe(data: Path | None, cache: Path) -> PaperSkinningRecipe:
 
 def export(network: nn.Module, folder: Path, told: Mapping[str, str]) -> None:
     """Write the weights into a folder; `told` goes with them."""
-    save_reference(network, folder, PaperSkinningRecipe.name, told)
+    save_reference(network, folder, told)

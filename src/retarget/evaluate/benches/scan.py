@@ -46,7 +46,8 @@ def run(quick: bool = False, tell: Tell = untold, show: Show | None = None) -> d
     for kind in KINDS:
         for number, case in enumerate(scan_cases(kind, quick)):
             tell(case.name, 1)
-            made = list(rows_of(case, bare=not quick and number % 4 == 0))
+            few = not quick and number % 4 == 0
+            made = list(rows_of(case, bare=few, contexts=few and kind == NAKED))
             cases += [{"kind": kind, "name": case.name} | row for row, _ in made]
             if show is not None:
                 _pictures(case, made, show)
@@ -110,9 +111,16 @@ def _summary(cases: list[dict], single: dict[str, list[float]], skinning: dict, 
     return summary | {key: value for key, value in skinning.items()}
 
 
+def _methods(cases: list[dict[str, Any]]) -> list[str]:
+    """The rows there are: the usual ones, after each of them those that begin with its name; then the others."""
+    there = list(dict.fromkeys(case["method"] for case in cases))
+    usual = [each for method in METHODS for each in there if each == method or (each not in METHODS and each.startswith(method + ","))]
+    return list(dict.fromkeys(usual + there))
+
+
 def _rows(cases: list[dict]) -> Iterator[dict[str, Any]]:
     for kind in KINDS:
-        for method in METHODS:
+        for method in _methods(cases):
             own = [case for case in cases if case["kind"] == kind and case["method"] == method]
             if own:
                 row = {"method": method, "kind": kind, "cases": len(own)}

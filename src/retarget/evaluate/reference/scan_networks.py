@@ -15,6 +15,8 @@ from torch import Tensor, nn
 JOINTS = 22
 CONTEXT = 30
 """Frames of a training sequence: one second."""
+FEWEST_CHANGES = 8
+"""That the critic reads; shorter sequences stand still at their end."""
 
 
 class InputTransform(nn.Module):
@@ -105,7 +107,9 @@ class MotionCritic(nn.Module):
         """Scores, higher for what looks real."""
         changes = (joints[:, 1:] - joints[:, :-1]).flatten(2)
         skeleton = target.flatten(1)[:, None].expand(-1, changes.shape[1], -1)
-        return self.layers(torch.cat([changes, moves[:, 1:], skeleton], dim=2).transpose(1, 2)).squeeze(1)
+        seen = torch.cat([changes, moves[:, 1:], skeleton], dim=2).transpose(1, 2)
+        short = max(FEWEST_CHANGES - seen.shape[2], 0)  # three strides leave nothing of the shortest contexts (ours)
+        return self.layers(nn.functional.pad(seen, (0, short), mode="replicate")).squeeze(1)
 
 
 class SkinningPredictor(nn.Module):
