@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -164,9 +165,11 @@ class _Trial:
     target: Target
     given: Given
 
-    @property
-    def coarse(self) -> FitModel:
-        return self.template.body.at(self.template.samples[:COARSE])
+    @cached_property
+    def coarse(self) -> dict[str, FitModel]:
+        """The body at few points, around the shape of each start."""
+        own = self.template.body.at(self.template.samples[:COARSE])
+        return {start.name: own.around(start.shape) for start in self.template.starts}
 
     def by_places(
         self, how: str, start: Start, features: Float[Array, "vertices k"], wanted: Float[Array, "template k"]
@@ -182,7 +185,7 @@ class _Trial:
         return self._guided(f"{start.name}, given map", start, places[self.template.samples[:COARSE]])
 
     def _guided(self, how: str, start: Start, places: Float[Array, "coarse 3"]) -> Candidate:
-        coarse = self.coarse.around(start.shape)
+        coarse = self.coarse[start.name]
         state = fit_to_places(coarse, state_from_places(coarse, places, start.shape), places, 6, GUIDED)
         return self._candidate(how, start, fit_to_surface(coarse, state, self.target, TRIED, COARSE_SPREAD), coarse)
 
@@ -211,7 +214,7 @@ class _Trial:
 
     def standing(self, start: Start, up: tuple[float, ...], quarter: int, lift: float) -> Candidate:
         """Upright, facing one of four ways, the arms lifted."""
-        coarse = self.coarse.around(start.shape)
+        coarse = self.coarse[start.name]
         state = _standing(self.template.names, coarse, self.target, start.shape, np.array(up), quarter, lift)
         how = f"{start.name}, standing along {'xyz'[int(np.argmax(up))]}, turned {90 * quarter}, arms {lift:+g}"
         return self._candidate(how, start, fit_to_surface(coarse, state, self.target, STOOD, COARSE_SPREAD), coarse)
