@@ -28,6 +28,8 @@ LIMBS = tuple(
     for side in ("left", "right")
     for parts in (("UpperArm", "LowerArm", "Hand"), ("UpperLeg", "LowerLeg", "Foot", "Toes"))
 )
+LEGS = np.array([limb[0].endswith("UpperLeg") for limb in LIMBS])
+"""Which of them are legs."""
 REACHES = (0.15, 0.1, 0.08, 0.06, 0.045, 0.035)
 """Metres: reaches of the rounds in which a limb is sought elsewhere."""
 FEWEST = 8
@@ -81,18 +83,20 @@ def sought_elsewhere(
 
 def seen_elsewhere(
     body: ScanBody, fit: Fit, shaped: ShapedBody, points: Float[Array, "points 3"], expected: Expected, starts: Sequence[Start],
-    sure: bool,
+    sure: bool, clothed: bool,
 ) -> Fit:  # fmt: skip
     """The fit with limbs, or all of the body, where a regressor sees them (`starts.guessed_starts`), if they fit better there.
 
-    `sure` says that the body was followed well before: then all of it is not given up for little."""
+    `sure` says that the body was followed well before: then all of it is not given up for little. Nor where it is `clothed` in
+    what hangs: no pose fits well then, and what is expected of the next pose counts for any other too, or legs tremble."""
     guess = alike(starts, fit.state).state
     if misfit(fit) > POOR:
         free = replace(expected, turn_precision=0 * expected.turn_precision, root_precision=0.0)
+        held = expected if clothed else free
         for start in starts:
-            other = fit_cloud(body, replace(start.state, shape=fit.state.shape), binned(points), free, REACHES, False, shaped)
+            other = fit_cloud(body, replace(start.state, shape=fit.state.shape), binned(points), held, REACHES, False, shaped)
             about = float(np.trace(other.state.turns[0] @ fit.state.turns[0].T)) < 1.0  # by more than a quarter
-            if misfit(other) < (BETTER if not sure else ABOUT if about else TURNED) * misfit(fit):
+            if misfit(other) < (BETTER if not (sure or clothed) else ABOUT if about else TURNED) * misfit(fit):
                 fit = other
     own, there = (joints_of(body, shaped, state) for state in (fit.state, guess))
     apart = [np.linalg.norm((own[limb] - own[limb[0]]) - (there[limb] - there[limb[0]]), axis=1).max() for limb in limb_joints()]

@@ -21,7 +21,7 @@ from retarget.methods.scan.fit import (
     world_turns,
 )
 from retarget.methods.scan.hanging import Cloth, grown_into, skin_only
-from retarget.methods.scan.recover import POOR, alike, limbs_shown, seen_elsewhere, sought_elsewhere, straightened
+from retarget.methods.scan.recover import LEGS, POOR, alike, limbs_shown, seen_elsewhere, sought_elsewhere, straightened
 from retarget.methods.scan.scan_body import BODY, ScanBody, ShapedBody, scan_body
 from retarget.methods.scan.starts import Regressor, Start, best_fit, guessed_starts, misfit, stances
 from retarget.methods.scan.usual import steadiness, usual_precision
@@ -177,9 +177,12 @@ class Tracker:
             return fit
         fit = straightened(body, fit, shaped, points, expected)
         if guesses:
-            fit = seen_elsewhere(body, fit, shaped, points, expected, guesses, memory.well > SURE)
+            clothed = memory.cloth is not None
+            fit = seen_elsewhere(body, fit, shaped, points, expected, guesses, memory.well > SURE, clothed)
         if doubted.any() or strange:
             still = limbs_shown(body, fit) < (0.8 if strange else LOST) * memory.shown
+            if memory.cloth is not None:
+                still &= ~LEGS  # nothing explains the cloth
             fit = sought_elsewhere(body, fit, shaped, points, expected, still)
         return fit
 
