@@ -16,6 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from retarget.evaluate.reference.scan_networks import SkeletonRegressor
+from retarget.evaluate.reference.scan_pipeline import POINTS
 from retarget.methods.scan.features import PARENTS, Clouds
 from retarget.train.data import CloudMaker, prepare_clouds
 from retarget.train.export import save_reference
@@ -23,8 +24,6 @@ from retarget.train.loop import Recipe, Settings
 
 Array = np.ndarray
 
-POINTS = 512
-"""Drawn of each cloud (the paper takes 6,890)."""
 AUTHORS_EXAMPLES = 100 * 63_520
 """What the authors' network saw."""
 SETTINGS = Settings(steps=2_500, batch=32, rate=1e-3, decay=0.0, rough=0.8, every=100, checks=1000)

@@ -24,7 +24,7 @@ from retarget.methods.scan.features import JOINTS, PARENTS, thinned
 Array = np.ndarray
 
 POINTS = 512
-"""Drawn of a cloud, as in training."""
+"""Drawn of each cloud, in training too (the paper takes 6,890)."""
 LEVEL = 48.0
 """Degrees from the embedded human's rest pose to arms that are level."""
 SKR, SMRM, SKIN = "paper-skr", "paper-smrm", "paper-skin"
