@@ -5,7 +5,7 @@ import numpy as np
 from retarget.body.human import human
 from retarget.geometry.clothes import Outfit, dressed
 from retarget.geometry.sampling import sample_surface
-from retarget.methods.scan.hanging import CLEAR, Cloth, grown_into, skin_only
+from retarget.methods.scan.hanging import CLEAR, SURELY, Cloth, skin_only
 from retarget.methods.scan.scan_body import BODY, scan_body
 from retarget.rig.fit import HEIGHT
 from retarget.rig.fit_model import BodyState
@@ -58,22 +58,17 @@ def test_no_points_are_no_points():
     assert len(skin_only(*at_rest(), np.zeros((0, 3)))) == 0
 
 
-def test_legs_that_have_grown_into_cloth_are_given_up():
+def test_what_is_told_under_cloth_is_kept_to_where_legs_come_out_longer_for_a_while():
     body = scan_body()
-    told, fitted = np.zeros(body.shapes), np.zeros(body.shapes)
-    fitted[-1] = 0.05  # size
-    assert not grown_into(body, fitted, told)
-    fitted[-1] = 0.1
-    assert grown_into(body, fitted, told) and not grown_into(body, told, fitted)
-
-
-def test_what_is_told_under_cloth_is_the_mean_and_is_kept_to():
-    body = scan_body()
-    small, large, huge = (np.zeros(body.shapes) for _ in range(3))
-    large[-1], huge[-1] = 0.04, 0.3
-    cloth = Cloth(small).told_of(body, large, small)
-    assert np.allclose(cloth.told[-1], 0.02) and not cloth.overgrown
-    grown = cloth.told_of(body, small, huge)
-    assert grown.overgrown and grown.told_of(body, small, small).overgrown
-    assert np.allclose(grown.told[-1], 0.04 / 3)
-
+    told, larger, huge = (np.zeros(body.shapes) for _ in range(3))
+    larger[-1], huge[-1] = 0.06, 0.12  # of the size
+    cloth = Cloth(told, told)
+    for _ in range(SURELY + 3):
+        cloth = cloth.after(body, told, larger)
+    assert not cloth.overgrown and np.allclose(cloth.told, told) and 0.05 < cloth.fitted[-1] < 0.06
+    assert not cloth.after(body, told, huge).overgrown, "one frame says little"
+    cloth = Cloth(told, huge)
+    for looks in range(2, SURELY + 1):
+        cloth = cloth.after(body, told, huge)
+        assert cloth.overgrown == (looks == SURELY)
+    assert cloth.after(body, told, told).after(body, told, told).overgrown

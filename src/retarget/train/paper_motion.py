@@ -19,6 +19,7 @@ from retarget.body import rotations as rot
 from retarget.body.human import human, human_model
 from retarget.evaluate.reference.scan_networks import (
     CONTEXT,
+    RATE,
     MotionCritic,
     MotionRetargeter,
     forward_kinematics,
@@ -33,9 +34,9 @@ from retarget.train.poses import gather_motions
 
 Array = np.ndarray
 
-JOINT_WEIGHT, ROTATION_WEIGHT, CRITIC_WEIGHT, CALM_WEIGHT = 10.0, 1.0, 0.05, 1.0
+JOINT_WEIGHT, PATH_WEIGHT, ROTATION_WEIGHT, CRITIC_WEIGHT, CALM_WEIGHT = 10.0, 1.0, 1.0, 0.05, 1.0
 AUTHORS_EXAMPLES = 1000 * 2_330
-SETTINGS = Settings(steps=2_500, batch=16, rate=3e-4, decay=0.0, every=100, checks=20_000)
+SETTINGS = Settings(steps=1_600, batch=16, rate=3e-4, decay=0.0, every=100, checks=20_000)
 
 
 @dataclass(frozen=True)
@@ -99,12 +100,13 @@ class PaperMotionRecipe(Recipe):
         judged = torch.func.functional_call(network.critic, fixed, (there, target_moves, _relative(target)))
         real = network.critic(joints, moves, _relative(source))
         fake = network.critic(there.detach(), target_moves.detach(), _relative(target))
-        cycle = (back - joints).square().mean() + (back_moves - moves).square().mean()
+        cycle = (back - joints).square().mean()
+        path = (RATE * (back_moves - moves)).square().mean()
         rotations = (matrices(back_turns) - matrices(turns)).square().mean()
         calm = (there[:, 2:] - 2 * there[:, 1:-1] + there[:, :-2]).square().mean()
         calm = calm + (target_moves[:, 1:] - target_moves[:, :-1]).square().mean()
         return {
-            "joints": JOINT_WEIGHT * cycle, "rotations": self.rotation_weight * rotations,
+            "joints": JOINT_WEIGHT * cycle, "path": PATH_WEIGHT * path, "rotations": self.rotation_weight * rotations,
             "real": CRITIC_WEIGHT * (judged - 1.0).square().mean(), "calm": CALM_WEIGHT * calm,
             "critic": (real - 1.0).square().mean() + fake.square().mean(),
             "away_seen": (there - performed(true_turns, target)).norm(dim=-1).mean(),

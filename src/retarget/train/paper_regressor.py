@@ -26,7 +26,7 @@ Array = np.ndarray
 
 AUTHORS_EXAMPLES = 100 * 63_520
 """What the authors' network saw."""
-SETTINGS = Settings(steps=2_500, batch=32, rate=1e-3, decay=0.0, rough=0.8, every=100, checks=1000)
+SETTINGS = Settings(steps=1_400, batch=32, rate=1e-3, decay=0.0, rough=0.8, every=100, checks=1000)
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ Array = np.ndarray
 POINTS = 256
 """Of every body in a batch."""
 AUTHORS_EXAMPLES = 200 * 63_520
-SETTINGS = Settings(steps=4_000, batch=24, rate=1e-3, decay=0.0, every=200, checks=2000)
+SETTINGS = Settings(steps=2_000, batch=24, rate=1e-3, decay=0.0, every=200, checks=2000)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,8 @@ from torch import Tensor, nn
 JOINTS = 22
 CONTEXT = 30
 """Frames of a training sequence: one second."""
+RATE = 30.0
+"""Frames a second: inside the network moves are metres a second, or they would be small beside joints and hardly be learnt (ours)."""
 FEWEST_CHANGES = 8
 """That the critic reads; shorter sequences stand still at their end."""
 
@@ -79,11 +81,11 @@ class MotionRetargeter(nn.Module):
     ) -> tuple[Float[Tensor, "clips frames joints 4"], Float[Tensor, "clips frames 3"]]:
         """Unit quaternions (xyzw) of the target's joints, and its root's moves, metres a frame. `target` are its joints in the
         T pose, relative to the root."""
-        read, _ = self.encoder(torch.cat([joints.flatten(2), moves], dim=2))
+        read, _ = self.encoder(torch.cat([joints.flatten(2), RATE * moves], dim=2))
         skeleton = target.flatten(1)[:, None].expand(-1, joints.shape[1], -1)
         written, _ = self.decoder(torch.cat([read, skeleton], dim=2))
         turns = self.rotations(written).reshape(*joints.shape[:3], 4)
-        return nn.functional.normalize(turns, dim=-1), self.move(written)
+        return nn.functional.normalize(turns, dim=-1), self.move(written) / RATE
 
 
 class MotionCritic(nn.Module):

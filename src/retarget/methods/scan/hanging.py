@@ -31,9 +31,9 @@ SIDES, FULL, MOST_SIDES = 8, 0.02, 4
 """Directions around the hips; the share of all hanging points that makes one of them full; how many must be."""
 LEAST = 0.06
 """Share of the cloud that hangs so wide where anything does."""
-LONGER = 1.07
-"""Legs that come out so many times as long as a regressor saw them have grown into the cloth: it errs by up to a fifth there, fits
-by up to a half."""
+LONGER, SURELY = 1.08, 5
+"""Legs that come out so many times as long as a regressor saw them, on average over so many looks and more, have grown into the
+cloth: it errs by up to a fifth there, fits by up to a half."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,22 +42,19 @@ class Cloth:
 
     told: Float[Array, "shapes"]
     """Mean of the shapes that a regressor saw: what is inside the cloth it has learnt."""
+    fitted: Float[Array, "shapes"]
+    """Mean of the shapes that were fitted meanwhile."""
     looks: int = 1
     """How many there were."""
     overgrown: bool = False
-    """Whether a fit has grown into the cloth: from then on the shape is what was told."""
+    """Whether the fit has grown into the cloth: from then on the shape is what was told."""
 
-    def told_of(self, body: ScanBody, told: Float[Array, "shapes"], fitted: Float[Array, "shapes"]) -> Cloth:
+    def after(self, body: ScanBody, told: Float[Array, "shapes"], fitted: Float[Array, "shapes"]) -> Cloth:
         """The same after one more look, and one more fit's shape."""
         looks = self.looks + 1
-        mean = self.told + (told - self.told) / looks
-        return Cloth(mean, looks, self.overgrown or grown_into(body, fitted, mean))
-
-
-def grown_into(body: ScanBody, fitted: Float[Array, "shapes"], told: Float[Array, "shapes"]) -> bool:
-    """Whether a fitted shape has so much longer legs than the one told that they must be cloth."""
-    long, short = (_leg_length(body.rest_joints(shape)) for shape in (fitted, told))
-    return long > LONGER * short
+        told, fitted = self.told + (told - self.told) / looks, self.fitted + (fitted - self.fitted) / looks
+        long, short = (_leg_length(body.rest_joints(shape)) for shape in (fitted, told))
+        return Cloth(told, fitted, looks, self.overgrown or (looks >= SURELY and long > LONGER * short))
 
 
 def skin_only(

@@ -20,7 +20,7 @@ from retarget.methods.scan.fit import (
     turn_matrices,
     world_turns,
 )
-from retarget.methods.scan.hanging import Cloth, grown_into, skin_only
+from retarget.methods.scan.hanging import Cloth, skin_only
 from retarget.methods.scan.recover import LEGS, POOR, alike, limbs_shown, seen_elsewhere, sought_elsewhere, straightened
 from retarget.methods.scan.scan_body import BODY, ScanBody, ShapedBody, scan_body
 from retarget.methods.scan.starts import Regressor, Start, best_fit, guessed_starts, misfit, stances
@@ -152,7 +152,7 @@ class Tracker:
             states = (guess.state,) if memory.cloth else (guess.state, start)
             expected, near = told_by(body, foretold, guess), skin_only(body, states, near, memory.shaped)
             if memory.cloth and shaping:
-                memory = _dressed(body, memory, memory.cloth.told_of(body, guess.state.shape, memory.state.shape))
+                memory = _dressed(body, memory, memory.cloth.after(body, guess.state.shape, memory.state.shape))
                 shaping = not memory.cloth.overgrown
                 start, expected = replace(start, shape=memory.state.shape), replace(expected, shape=memory.state.shape)
         if len(near) < FEWEST:
@@ -233,7 +233,7 @@ class Tracker:
         now = Memory(state, shaped, still, np.zeros(3), precision, good, shown, astray)
         if self.regressor is not None and len(skin_only(body, (state,), cloud, shaped)) < len(cloud):
             told = alike(list(guessed_starts(body, self.regressor(cloud))), state).state.shape
-            cloth = (memory and memory.cloth) or Cloth(told, overgrown=grown_into(body, state.shape, told))
+            cloth = (memory and memory.cloth) or Cloth(told, state.shape)
             now = _dressed(body, now, cloth) if shaping else replace(now, cloth=cloth)
         self.memory[:] = [now]
         return _seen(replace(fit, state=now.state), FOUND)
