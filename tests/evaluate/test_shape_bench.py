@@ -9,7 +9,7 @@ from retarget.body.human import human
 from retarget.evaluate.benches import shape_transfer
 from retarget.evaluate.remeshed import clustered
 from retarget.evaluate.remeshed_body import remeshed_body
-from retarget.evaluate.shape_cases import HELD_OUT, PAIRS, body, shape_case
+from retarget.evaluate.shape_cases import APART, HELD_OUT, PAIRS, body, shape_case
 from retarget.evaluate.shape_judge import judge_pose, judged_shape, kept_contacts, shape_figures
 from retarget.geometry.resample import Surface
 from retarget.motion.joint_frames import prepare_frames
@@ -118,3 +118,11 @@ def test_bodies_of_two_resolutions_are_one_body():
     fine, coarse = body("heavy", finer=True), body("heavy")
     assert len(fine.character.mesh.vertices) > 1.5 * len(coarse.character.mesh.vertices)
     assert fine.height == pytest.approx(coarse.height, rel=0.01)
+
+
+def test_motions_of_no_contact_are_of_the_two_kinds_that_poses_of_contact_lack():
+    """Or the times by kind would not be all that the paper tells (section 7.1)."""
+    from retarget.evaluate.shape_rows import kind_of, ready
+
+    cases = [shape_case(pose, PAIRS[0]) for pose in APART]
+    assert [kind_of(case, ready(case.source, case.target)) for case in cases] == ["none", "collisions"]

@@ -16,7 +16,7 @@ from retarget.methods.scan.clip import follow_clip
 from retarget.methods.scan.fit import Expected, rotation_vectors, turn_matrices, world_turns
 from retarget.methods.scan.scan_body import BODY, scan_body
 from retarget.methods.scan.starts import Start
-from retarget.methods.scan.tracker import FOLLOWED, FOUND, HELD, NOBODY, Tracker, told_by
+from retarget.methods.scan.tracker import FOLLOWED, FOUND, HELD, NOBODY, PATIENCE, Tracker, told_by
 from retarget.methods.scan.usual import usual_precision
 from retarget.motion.library import embedded_motion, performer
 from retarget.rig.fit_model import BodyState
@@ -78,6 +78,12 @@ def test_a_body_does_not_grow_into_a_skirt():
     own, true = (each.skeleton.offsets for each in (tracker.character(), performer()))
     leg = lambda offsets: np.linalg.norm(offsets[[11, 12]], axis=1).sum()  # noqa: E731
     assert abs(leg(own) / leg(true) - 1) < 0.05
+    worn_before, nobody = tracker.memory[0].cloth, np.zeros((0, 3))
+    for _ in range(PATIENCE + 1):
+        tracker.step(nobody)
+    bare = capture(performer(), part_of("walk", 30, 1), points=4000).clouds.clouds[0]
+    assert tracker.step(bare).status == FOUND
+    assert tracker.memory[0].cloth is worn_before, "what was worn is known when the body is found again"
 
 
 def test_bones_stay_once_the_shape_is_known(walk):

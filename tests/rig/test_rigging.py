@@ -145,7 +145,7 @@ def test_landmarks_that_do_not_exist(landmarks, reason):
     [
         (np.zeros((0, 3)), np.zeros((0, 3), dtype=int), "all vertices lie in one place"),
         (np.ones((5, 3)), np.array([[0, 1, 2]]), "all vertices lie in one place"),
-        (np.eye(3), np.array([[0, 1, 2]]), "the mesh has 1 triangles with an area"),
+        (np.eye(3), np.array([[0, 1, 2]]), "the mesh has 1 triangle with an area"),
     ],
 )
 def test_what_has_no_surface_is_refused(vertices, faces, reason):

@@ -9,9 +9,6 @@ grid over their shadows make them fast. The spike that led here stands in `docs/
 from __future__ import annotations
 
 import logging
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -22,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from retarget.body.skinning import rest_vertices
 from retarget.character import Character
 from retarget.contact.parts import PARTS, BodyParts, body_height, body_parts
+from retarget.contact.threads import THREADS, cores, shared_out
 from retarget.correspond.joints import Humanoid
 from retarget.errors import RetargetError
 from retarget.geometry.distance import edge_graph, within
@@ -40,8 +38,6 @@ LEAF = 4
 """Faces in a leaf of the box hierarchy."""
 FARTHEST = 1e100
 """Metres; the squares of coordinates up to here are finite."""
-THREADS = 2
-"""Threads that share a query; more gain little on a body."""
 
 _ADJACENT = frozenset(
     frozenset(pair)
@@ -107,8 +103,8 @@ class Collider:
         not finite."""
         posed = self._posed(vertices)
         # Every other block for each thread: parts that touch are spread over both.
-        shares = self.shares if _cores() > 1 else (self.blocks,)
-        found = _shared_out(lambda share: self._search(posed, share, reach), shares)
+        shares = self.shares if cores() > 1 else (self.blocks,)
+        found = shared_out(lambda share: self._search(posed, share, reach), shares)
         return self._rows(posed[0], [np.concatenate(column) for column in zip(*found)])
 
     def depths(self, vertices: Float[Array, "frames vertices 3"]) -> Float[Array, "frames vertices"]:
@@ -121,7 +117,7 @@ class Collider:
             np.maximum.at(depth, vertex, -distance)
             return depth[self.parts.welded]
 
-        return np.array(_shared_out(of_frame, range(len(vertices)))).reshape(vertices.shape[:2])
+        return np.array(shared_out(of_frame, range(len(vertices)))).reshape(vertices.shape[:2])
 
     def without(self, vertices: Int[Array, "_"], part: Int[Array, "_"]) -> Collider:
         """The same collider that never tests these pairs of vertex and part either."""
@@ -372,37 +368,7 @@ def compile_kernels() -> None:
     assert kernels.compiled()
 
 
-_pool: ThreadPoolExecutor | None = None
 _announced = False
-
-
-def _forget_threads() -> None:
-    """A forked process has none of the threads of the one it came from."""
-    global _pool
-    _pool = None
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget_threads)
-
-
-def _shared_out(work: Callable[[Any], Any], shares: Sequence[Any]) -> list[Any]:
-    """The work on every share, by threads where the process has more than one core: on one, handing over costs more than
-    a share itself."""
-    global _pool
-    cores = _cores()
-    if cores == 1:
-        return [work(share) for share in shares]
-    if _pool is None:
-        _pool = ThreadPoolExecutor(max_workers=min(THREADS, cores))
-    return list(_pool.map(work, shares))
-
-
-def _cores() -> int:
-    """Cores that this process may use, and at most as many as `RETARGET_THREADS` says."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    allowed = os.environ.get("RETARGET_THREADS", "")
-    return min(cores, max(1, int(allowed))) if allowed.isdecimal() else cores
 
 
 def _announce() -> None:

@@ -34,8 +34,8 @@ POSES = (
     "hands_on_hips", "hand_on_belly", "arms_crossed", "hand_to_shoulder", "hands_behind_head", "clap", "legs_crossed",
     "squat_hands_on_knees",
 )  # fmt: skip
-APART = ("walk", "wave")
-"""Motions in which nothing touches, timed only."""
+APART = ("run", "walk")
+"""Motions of no self-contact, timed only: on the first pair of bodies nothing touches, and the target collides in the second alone."""
 PAIRS = (
     ("thin", "heavy"), ("thin", "very_heavy"), ("heavy", "thin"), ("average", "child"), ("average", "toddler"),
     ("man", "woman"),

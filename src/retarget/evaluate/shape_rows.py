@@ -160,11 +160,11 @@ def costs(case: ShapeCase) -> dict[str, Any]:
     return {
         "cold_ms": float(ours_cold[0]), "warm_ms": float(ours_warm[0]), "reference_100_cpu_ms": whole,
         "speed_ratio_cold": whole / float(ours_cold[1]), "speed_ratio_warm": whole / float(ours_warm[1]),
-        "kind": _kind(case, made),
+        "kind": kind_of(case, made),
     }  # fmt: skip
 
 
-def _kind(case: ShapeCase, made: Ready) -> str:
+def kind_of(case: ShapeCase, made: Ready) -> str:
     """The paper's four kinds (section 7.1)."""
     rows = case.touch.pose_rows()
     touches = bool((case.touch.contacts.frame[rows] == case.frame).any())

@@ -66,10 +66,9 @@ def working_surfaces(surface: Surface) -> Iterator[WorkingSurface]:
         areas(surface.vertices, surface.faces)
         <= THINNEST * float(np.ptp(surface.vertices, axis=0).max(initial=0.0)) ** 2
     )
-    if len(flat) - int(flat.sum()) < 4:
-        raise RetargetError(
-            f"the mesh has {len(flat) - int(flat.sum())} triangles with an area; a body needs a surface"
-        )
+    left = len(flat) - int(flat.sum())
+    if left < 4:
+        raise RetargetError(f"the mesh has {left} triangle{'' if left == 1 else 's'} with an area; a body needs a surface")
     surface = _without_crumbs(surface)
     found = largest_pieces(surface)
     whole = np.ptp(surface.vertices, axis=0)

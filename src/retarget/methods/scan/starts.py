@@ -52,7 +52,10 @@ class Guess(Protocol):
 
 @runtime_checkable
 class Regressor(Protocol):
-    """Joints and turns of the embedded human from a cloud of points, without knowledge of frames before."""
+    """Joints and turns of the embedded human from a cloud of points, without knowledge of frames before.
+
+    One may have a `glance` beside this: the same in less time and less sure, for frames of a body that is followed well.
+    """
 
     def __call__(self, points: Float[Array, "points 3"]) -> Guess: ...
 

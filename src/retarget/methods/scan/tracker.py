@@ -231,9 +231,10 @@ class Tracker:
         good, shown = 0 if memory is None else memory.good, limbs_shown(body, fit)
         astray = 1.0 - fit.explained
         now = Memory(state, shaped, still, np.zeros(3), precision, good, shown, astray)
-        if self.regressor is not None and len(skin_only(body, (state,), cloud, shaped)) < len(cloud):
-            told = alike(list(guessed_starts(body, self.regressor(cloud))), state).state.shape
-            cloth = (memory and memory.cloth) or Cloth(told, state.shape)
+        cloth = None if memory is None else memory.cloth  # worn still, whatever hangs where the body is found again
+        if cloth is None and self.regressor is not None and len(skin_only(body, (state,), cloud, shaped)) < len(cloud):
+            cloth = Cloth(alike(list(guessed_starts(body, self.regressor(cloud))), state).state.shape, state.shape)
+        if cloth is not None:
             now = _dressed(body, now, cloth) if shaping else replace(now, cloth=cloth)
         self.memory[:] = [now]
         return _seen(replace(fit, state=now.state), FOUND)
