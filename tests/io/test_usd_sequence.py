@@ -18,7 +18,7 @@ from retarget.motion.library import embedded_motion
 pytest.importorskip("pxr")
 
 POINTS = "[(0,0,0), (1,0,0), (1,1,0), (0,1,%g)]"
-SAMPLES = "point3f[] points.timeSamples = {1: %s, 2: %s, 3: %s}" % tuple(POINTS % lift for lift in (0, 1, 4))
+SAMPLES = "point3f[] points.timeSamples = {" + ", ".join(f"{at}: {POINTS % lift}" for at, lift in ((1, 0), (2, 1), (3, 4))) + "}"
 FACES = "int[] faceVertexCounts = [4]\nint[] faceVertexIndices = [0, 1, 2, 3]\n"
 
 
@@ -76,9 +76,9 @@ def test_animated_places_move_still_meshes_and_all_are_one(tmp_path):
     ("mesh", "said"),
     [
         (FACES.replace("int[] faceVertexIndices =", "int[] faceVertexIndices.timeSamples = {1: [0, 1, 2, 3], 2:").replace("3]\n", "3, 2, 1, 0]}\n").replace("[0, 1, 2, 3, 2, 1, 0]", "[0, 3, 2, 1]") + SAMPLES, r"the faces of /M0 change at time code 2"),
-        (FACES + "point3f[] points.timeSamples = {1: %s, 2: [(0,0,0)]}" % (POINTS % 0), r"/M0 has 1 points at time code 2 and 4 at first"),
-        (FACES + "point3f[] points.timeSamples = {1: %s, 2: [(0,0,0),(0,0,0),(0,0,0),(inf,0,0)]}" % (POINTS % 0), r"not numbers at time code 2"),
-        (FACES + "point3f[] points.timeSamples = {1: %s, 30000001: %s}" % (POINTS % 0, POINTS % 1), r"more than is kept in memory"),
+        (FACES + f"point3f[] points.timeSamples = {{1: {POINTS % 0}, 2: [(0,0,0)]}}", r"/M0 has 1 points at time code 2 and 4 at first"),
+        (FACES + f"point3f[] points.timeSamples = {{1: {POINTS % 0}, 2: [(0,0,0),(0,0,0),(0,0,0),(inf,0,0)]}}", r"not numbers at time code 2"),
+        (FACES + f"point3f[] points.timeSamples = {{1: {POINTS % 0}, 30000001: {POINTS % 1}}}", r"more than is kept in memory"),
     ],
 )  # fmt: skip
 def test_what_is_no_one_mesh_is_told(tmp_path, mesh, said):
