@@ -1,7 +1,8 @@
 """Recipe of the paper's motion retargeter (SMRM): from one skeleton to another and back, without pairs (section 3.5, eq. 2).
 
 Cycle of joints, cycle of rotations (the paper's addition), a critic, and small accelerations. The weights of these terms are
-lost from the text, and ours. The critic learns in the same step, from its own term: gradients of the other terms pass by it.
+lost from the text, and ours. So is one term more: now and then the target is the source itself, which must move as it does (as
+Villegas et al. 2018, whose network this builds on, have it); without it two mirrorings close the cycle. The critic learns in the same step, from its own term: gradients of the other terms pass by it.
 """
 
 from __future__ import annotations
@@ -35,8 +36,10 @@ from retarget.train.poses import gather_motions
 Array = np.ndarray
 
 JOINT_WEIGHT, PATH_WEIGHT, ROTATION_WEIGHT, CRITIC_WEIGHT, CALM_WEIGHT = 10.0, 1.0, 1.0, 0.05, 1.0
+SAME_SHARE = 0.2
+"""Of sequences whose target is their source."""
 AUTHORS_EXAMPLES = 1000 * 2_330
-SETTINGS = Settings(steps=1_600, batch=16, rate=3e-4, decay=0.0, every=100, checks=20_000)
+SETTINGS = Settings(steps=1_200, batch=32, rate=1e-3, decay=0.0, every=50, checks=20_000)
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class PaperMotionRecipe(Recipe):
 
     def batch(self, number: int, count: int) -> tuple[Array, ...]:
         """Rotations and moves of sequences, and the skeletons of those who perform them, of those who shall, and of whoever
-        performs a real motion for the critic."""
+        performs a real motion for the critic; 1 where these two are one."""
         draw = np.random.default_rng([number, 19])
         frames = draw.choice(self.paths.starts, size=count)[:, None] + np.arange(self.context)
         rotations, hips = self.paths.rotations[frames].astype(np.float64), self.paths.hips[frames]
@@ -86,11 +89,13 @@ class PaperMotionRecipe(Recipe):
         bodies = self.skeletons[draw.integers(len(self.skeletons), size=(2, count))]
         scale = bodies[0][:, 0, 1] / self.hips_height
         moves = np.diff(rot.rotate(turn, hips), axis=1, prepend=rot.rotate(turn, hips[:, :1])) * scale[:, None, None]
-        return rotations.astype(np.float32), moves.astype(np.float32), bodies[0], bodies[1]
+        same = draw.uniform(size=count) < SAME_SHARE
+        bodies[1][same] = bodies[0][same]
+        return rotations.astype(np.float32), moves.astype(np.float32), bodies[0], bodies[1], same.astype(np.float32)
 
     def losses(self, network: nn.Module, batch: Any) -> dict[str, Tensor]:
         """The terms of eq. 2, and the critic's own."""
-        true_turns, moves, source, target = (torch.from_numpy(each) for each in batch)
+        true_turns, moves, source, target, same = (torch.from_numpy(each) for each in batch)
         joints = performed(true_turns, source)
         turns, target_moves = network.retargeter(joints, moves, _relative(target))
         there = performed(turns, target)
@@ -103,10 +108,12 @@ class PaperMotionRecipe(Recipe):
         cycle = (back - joints).square().mean()
         path = (RATE * (back_moves - moves)).square().mean()
         rotations = (matrices(back_turns) - matrices(turns)).square().mean()
+        alike = JOINT_WEIGHT * (there - joints).square().mean(dim=(1, 2, 3))
+        alike = alike + PATH_WEIGHT * (RATE * (target_moves - moves)).square().mean(dim=(1, 2))
         calm = (there[:, 2:] - 2 * there[:, 1:-1] + there[:, :-2]).square().mean()
         calm = calm + (target_moves[:, 1:] - target_moves[:, :-1]).square().mean()
         return {
-            "joints": JOINT_WEIGHT * cycle, "path": PATH_WEIGHT * path, "rotations": self.rotation_weight * rotations,
+            "joints": JOINT_WEIGHT * cycle, "same": (same * alike).mean(), "path": PATH_WEIGHT * path, "rotations": self.rotation_weight * rotations,
             "real": CRITIC_WEIGHT * (judged - 1.0).square().mean(), "calm": CALM_WEIGHT * calm,
             "critic": (real - 1.0).square().mean() + fake.square().mean(),
             "away_seen": (there - performed(true_turns, target)).norm(dim=-1).mean(),
