@@ -8,6 +8,7 @@ from jaxtyping import install_import_hook
 
 import retarget.contact.kernels
 import retarget.contact.pair_kernels
+import retarget.contact.part_field_kernels
 import retarget.contact.skin_kernels
 import retarget.evaluate.reference.ray_parity  # noqa: F401  (compiled loops: numba cannot take functions that are checked)
 import retarget.geometry.capture_kernels

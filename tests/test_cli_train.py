@@ -12,7 +12,7 @@ from retarget.evaluate import scan_split
 
 
 @pytest.fixture
-def few(monkeypatch):
+def few(monkeypatch, tmp_path_factory):
     pytest.importorskip("torch")
     pytest.importorskip("onnx")
     import importlib
@@ -22,9 +22,21 @@ def few(monkeypatch):
     for which, first in ((scan_split.TRAINING, 0), (scan_split.VALIDATION, 8000), (scan_split.TEST, 9000)):
         monkeypatch.setitem(scan_split.BODY_SEEDS, which, (first, first + 1))
     monkeypatch.setattr(judge, "CLOUDS", 6)
+    few_takes(monkeypatch, tmp_path_factory.getbasetemp() / "takes")
     for name, _ in RECIPES.values():
         module = importlib.import_module(f"retarget.train.{name}")
         monkeypatch.setattr(module, "SETTINGS", replace(module.SETTINGS, batch=4, checks=1000))
+
+
+def few_takes(monkeypatch, kept):
+    """One take of one clip for one body, made once for all recipes."""
+    from retarget.train import interaction, interaction_takes, judge, paper_interaction, paper_residual
+
+    for name in ("CLIPS", "TARGETS"):
+        monkeypatch.setattr(interaction_takes, name, 1)
+    own = interaction_takes.keep_takes
+    for module in (interaction, judge, paper_interaction, paper_residual):
+        monkeypatch.setattr(module, "keep_takes", lambda which, count, data, cache, workers: own(which, 1, data, kept, 1))
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -33,13 +45,14 @@ def test_every_recipe_learns_and_writes(name, few, command, tmp_path):
     assert code == 0, err
     report = json.loads(out)
     assert report["steps"] == 3
-    steps = {line.split(",")[0] for line in (tmp_path / "log.csv").read_text().splitlines()}
-    assert steps == {"3"}
+    for log in tmp_path.glob("stage_*/log.csv") if name == "interaction" else [tmp_path / "log.csv"]:
+        assert {line.split(",")[0] for line in log.read_text().splitlines()} == {"3"}
     assert list((tmp_path / "weights").iterdir())
     assert not name.startswith("paper") or (tmp_path / "weights" / f"{name}.pt").is_file()
     if not name.startswith("paper"):
-        assert all(np.isfinite(value) for value in report["test set"].values())
-        assert json.loads((tmp_path / "report.json").read_text())["test set"] == report["test set"]
+        which = "validation set" if name == "interaction" else "test set"
+        assert all(np.isfinite(value) for value in report[which].values())
+        assert json.loads((tmp_path / "report.json").read_text())[which] == report[which]
     code, out, err = command("train", name, "-o", tmp_path, "--steps", 3)  # nothing is left to learn
     assert code == 0 and "steps: 3" in out.splitlines(), err
 

@@ -373,6 +373,9 @@ def bench(
     gate: Annotated[
         bool, typer.Option("--gate", help="Fail (exit code 1) where a figure is worse than the committed baseline.")
     ] = False,
+    learned: Annotated[
+        bool, typer.Option("--learned", help="interaction: with networks, ours and, where their weights are at hand, the papers'.")
+    ] = False,
     pictures: Annotated[
         Optional[Path], typer.Option(help="rig-transfer, scan, shape-transfer: write sheets to this folder.", show_default=False)
     ] = None,
@@ -382,7 +385,7 @@ def bench(
     _listen(verbose)
     from retarget.commands_evaluate import run_bench
 
-    report = run_bench(name, quick, json_file, gate, sys.stderr.isatty(), pictures)
+    report = run_bench(f"{name}-learned" if learned else name, quick, json_file, gate, sys.stderr.isatty(), pictures)
     _say(report, False)
     if report.get("regressions"):
         raise typer.Exit(1)

@@ -11,7 +11,7 @@ from retarget.cli_options import Json, listen, say
 
 
 def train(
-    name: Annotated[str, typer.Argument(help="skeleton-regressor, skinning-field, paper-skr, paper-smrm, paper-skin or an ablation of these (any other word lists them)", show_default=False)],
+    name: Annotated[str, typer.Argument(help="skeleton-regressor, skinning-field, interaction, paper-skr, paper-smrm, paper-skin, paper-meshret, paper-r2et or an ablation of these (any other word lists them)", show_default=False)],
     folder: Annotated[
         Path, typer.Option("--output", "-o", help="Folder of the state, the log and the baked bodies.", show_default=False)
     ],

@@ -17,10 +17,17 @@ RECIPES: dict[str, tuple[str, dict[str, Any]]] = {
     "paper-skr-bones": ("paper_regressor", {"bone_weight": 1.0}),
     "paper-smrm": ("paper_motion", {}),
     "paper-smrm-no-cycle": ("paper_motion", {"rotation_weight": 0.0}),
-    **{f"paper-smrm-context-{frames}": ("paper_motion", {"context": frames}) for frames in (5, 10, 15, 60)},
+    **{f"paper-smrm-context-{frames}": ("paper_motion", {"context": frames}) for frames in (5, 10, 15, 30, 60)},
     "paper-skin": ("paper_skinning", {}),
+    "interaction": ("interaction", {}),
+    "paper-r2et": ("paper_residual", {}),
+    "paper-meshret": ("paper_interaction", {}),
+    **{f"paper-meshret-nearest-{count}": ("paper_interaction", {"nearest": count}) for count in (8, 6, 2, 0)},
+    "paper-meshret-half-around": ("paper_interaction", {"around": 2}),
+    "paper-meshret-half-along": ("paper_interaction", {"along": 2}),
+    "paper-meshret-distances": ("paper_interaction", {"distances": True}),
 }
-"""Modules of `train` by the names of their networks, and what a variant (the ablations of Rekik 2023) does otherwise."""
+"""Modules of `train` by the names of their networks, and what a variant (the ablations of Rekik 2023 and Ye 2024) does otherwise."""
 
 
 def train_network(name: str, folder: Path, data: Path | None, steps: int | None, weights: Path | None) -> dict[str, Any]:
@@ -40,17 +47,27 @@ def train_network(name: str, folder: Path, data: Path | None, steps: int | None,
         module = importlib.import_module(f"retarget.train.{file}")
     except ModuleNotFoundError as error:
         raise RetargetError(f"training needs {error.name}, which is not installed: pip install 'retarget[train]'") from None
-    recipe = module.recipe(data, folder / "cache", **otherwise)
     settings = module.SETTINGS if steps is None else replace(module.SETTINGS, steps=steps)
-    state = train(recipe, settings, folder)
     into = weights or folder / "weights"
-    told = {"network": name, "steps": str(state.step), "seed": str(settings.seed), "seconds": f"{state.seconds:.0f}"}
-    module.export(state.mean, into, told)
-    report = {"network": name, "steps": state.step, "processor seconds": round(state.seconds), "weights": str(into)}
+    if hasattr(module, "STAGES"):  # networks that are learnt one after the other, each from what those before it do
+        learnt: list[Any] = []
+        for stage in range(module.STAGES):
+            recipe = module.recipe(data, folder / "cache", [state.mean.eval() for state in learnt], **otherwise)
+            learnt.append(train(recipe, settings, folder / f"stage_{stage + 1}"))
+        networks, seconds = [state.mean for state in learnt], sum(state.seconds for state in learnt)
+    else:
+        learnt = [train(module.recipe(data, folder / "cache", **otherwise), settings, folder)]
+        networks, seconds = learnt[0].mean, learnt[0].seconds
+    told = {"network": name, "steps": str(learnt[-1].step), "seed": str(settings.seed), "seconds": f"{seconds:.0f}"}
+    module.export(networks, into, told)
+    report = {"network": name, "steps": learnt[-1].step, "processor seconds": round(seconds), "weights": str(into)}
     if name == "skeleton-regressor":
         report["test set"] = judge.judge_regressor(into, data, folder / "cache")
     elif name == "skinning-field":
         report["test set"] = judge.judge_field(into, folder / "cache")
+    elif name == "interaction":
+        report["validation set"] = judge.judge_interaction(into, data, folder / "cache")
     (folder / "report.json").write_text(json.dumps(report, indent=1))
-    lines = [f"{name}: {value}" for name, value in report.items() if name != "test set"]
-    return report | {"lines": lines + [f"{name} (test set): {value}" for name, value in report.get("test set", {}).items()]}
+    lines = [f"{name}: {value}" for name, value in report.items() if not isinstance(value, dict)]
+    sets = [(name, figures) for name, figures in report.items() if isinstance(figures, dict)]
+    return report | {"lines": lines + [f"{name} ({which}): {value}" for which, figures in sets for name, value in figures.items()]}

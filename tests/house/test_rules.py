@@ -15,9 +15,12 @@ LINE = (
     "errors progress character body geometry io correspond contact rig motion methods casting performing retargeting live batch evaluate view train commands_train commands_evaluate commands_view commands_contacts commands commands_run commands_rig commands_repair commands_batch commands_sequence commands_convert commands_capture commands_scan cli_options cli_files cli_rig cli_train cli_capture cli_scan cli_view cli"
 ).split()
 HEAVY = {"robust_laplacian", "potpourri3d", "fast_simplification", "cholespy", "scipy", "PIL", "onnxruntime", "viser", "matplotlib", "bpy", "warp", "numba", "trimesh", "torch", "pxr", "pyFM"}
-COMPILED = {"retarget.contact.kernels", "retarget.contact.pair_kernels", "retarget.contact.skin_kernels", "retarget.evaluate.reference.ray_parity", "retarget.geometry.capture_kernels", "retarget.geometry.closest_kernels", "retarget.geometry.turn_kernels", "retarget.methods.scan.cloud_kernels", "retarget.methods.scan.fit_kernels", "retarget.motion.limit_kernels", "retarget.rig.fit_kernels", "retarget.train.scan_kernels"}
+COMPILED = {"retarget.contact.kernels", "retarget.contact.pair_kernels", "retarget.contact.part_field_kernels", "retarget.contact.skin_kernels", "retarget.evaluate.reference.ray_parity", "retarget.geometry.capture_kernels", "retarget.geometry.closest_kernels", "retarget.geometry.turn_kernels", "retarget.methods.scan.cloud_kernels", "retarget.methods.scan.fit_kernels", "retarget.motion.limit_kernels", "retarget.rig.fit_kernels", "retarget.train.scan_kernels"}
 """Modules of compiled loops: they import numba at their top, so nothing may import them at its own."""
-NETWORKS = {"retarget.evaluate.reference.scan_networks"}
+NETWORKS = {
+    "retarget.evaluate.reference.interaction_networks", "retarget.evaluate.reference.residual_network",
+    "retarget.evaluate.reference.scan_networks",
+}
 """Modules of networks outside `train`: they import torch at their top, so only `train` may import them at its own."""
 CHILDREN = {"retarget.io.blender_child", "retarget.io.alembic_child"}
 """Programs for another interpreter: nothing imports them."""

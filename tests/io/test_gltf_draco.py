@@ -151,9 +151,8 @@ def test_faults_are_told_with_their_place(tmp_path, change, problem):
     assert "\n" not in str(caught.value) and str(tmp_path / "draco.glb") in str(caught.value)
 
 
-ANSWER = '{"points": 54, "faces": [0, "<u4", 1, 3], "attributes": {%s}}' % ", ".join(
-    f'"{number}": [12, "<f4", 54, {width}]' for number, width in enumerate((3, 2, 4, 4), start=20)
-)
+ATTRIBUTES = ", ".join(f'"{number}": [12, "<f4", 54, {width}]' for number, width in enumerate((3, 2, 4, 4), start=20))
+ANSWER = f'{{"points": 54, "faces": [0, "<u4", 1, 3], "attributes": {{{ATTRIBUTES}}}}}'
 
 
 @pytest.mark.parametrize(

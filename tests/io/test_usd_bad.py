@@ -97,7 +97,7 @@ def test_layers_outside_the_folder_are_not_opened(tmp_path, asset, arc):
     asset = asset.replace("{out}", str(tmp_path))
     if arc == "variant":
         arcs = 'variants = { string look = "off" }\nprepend variantSets = "look"'
-        text = REFERENCE.format(sub="", arc=arcs).replace("{}", '{\nvariantSet "look" = { "on" ( references = @%s@</Man> ) { } "off" { } }\n}' % asset)
+        text = REFERENCE.format(sub="", arc=arcs).replace("{}", '{\nvariantSet "look" = { "on" ( references = @ASSET@</Man> ) { } "off" { } }\n}'.replace("ASSET", asset))
     elif arc == "subLayers":
         text = REFERENCE.format(sub=f"subLayers = [@{asset}@]", arc="")
     else:

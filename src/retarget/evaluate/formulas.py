@@ -71,6 +71,14 @@ FORMULAS = {
     "leg_change_deg": "angle between a leg joint's local rotation and that under copy-rotations; mean over hips, knees, ankles and frames, degrees",
     "no_fault_change_deg": "the largest such angle of any humanoid joint, mean over the frames on which copy-rotations neither penetrates more than the source nor loses a contact nor slides, degrees",
     "prepare_seconds": "wall time of matching a pair of bodies, from nothing kept",
+    # Of the interaction bench with networks.
+    "net_contact_error_ratio": "two_sided_contact_error, the network alone over copy-rotations, means over the bodies as heavy as the performers or heavier; of the worst split, and `_sc_sm` and so on of each",
+    "net_penetration_ratio": "penetration_percent, likewise",
+    "net_contacts_kept": "contacts_kept of the network alone, the worst split; `copy_contacts_kept` likewise of copy-rotations, `net_contacts_gain` the smallest difference of the two on one split",
+    "net_frames_per_second": "frames a second on one core, copying and smoothing included; the slowest split",
+    "start_iterations_saved": "1 - set-ups of the solver's equations a frame from the network's start / those from key frames, each in the fewest rounds that come within a thousandth of the energy that the solver ends with (or below it), summed over the bodies as heavy as the performers or heavier; `_of_default` against all of the solver's own rounds",
+    "start_contacts_gain": "contacts_kept, network and solver less the solver alone; the worst split",
+    "dmi_cosine_unseen": "mean cosine of the entries of Ye 2024's field on source and result, unseen bodies and motions, the network alone; `_copy` of copy-rotations",
     # Of the formats bench.
     "gltf_round_trip_mm": "largest distance of a joint on any frame, or of a skin vertex from the nearest that came back (three frames), after writing and reading; `fbx_`, `usd_`, `vrm_` likewise, where this machine can write them",
     "fbx_joint_mm": "largest distance of a joint, over real files, takes and frames, from where Blender's import has it (RETARGET_BPY_PYTHON names a Python with bpy)",

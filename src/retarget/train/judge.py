@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from retarget.body import rotations as rot
-from retarget.evaluate.scan_split import BODY_SEEDS, TEST
+from retarget.evaluate.scan_split import BODY_SEEDS, TEST, VALIDATION
+from retarget.methods.interaction.network import load_network
 from retarget.methods.scan.regressor import load_regressor
 from retarget.methods.scan.skinning_field import load_field
 from retarget.train.data import SAMPLES, SORTS, bake_bodies, prepare_clouds
+from retarget.train.interaction import VALIDATION_TAKES, load_takes, whole_matters
+from retarget.train.interaction_takes import keep_takes
 from retarget.train.poses import still_poses
 from retarget.train.skinning_field import STANCES, resting
 
@@ -58,3 +62,19 @@ def judge_field(weights: Path, cache: Path) -> dict[str, float]:
             guessed = field(points, seen.places, seen.turns)
             figures.setdefault(f"{stance} mse, joints of the regressor", []).append(((guessed - weights_) ** 2).mean())
     return {name: round(float(np.mean(values)), 6) for name, values in figures.items()}
+
+
+def judge_interaction(weights: Path, data: Path | None, cache: Path) -> dict[str, float]:
+    """On takes of validation: how much of the copied poses' miss is left after all looks, by the solver's measure; of the measure and
+    of its root, which few bad frames do not decide. What results are worth is the bench's to say."""
+    network = load_network(weights)
+    left, before = [], []
+    for take in load_takes(keep_takes(VALIDATION, VALIDATION_TAKES, data, cache, os.cpu_count() or 1)):
+        matters = whole_matters(take.matters)
+        for found, miss in ((left, network.said(take.looker, take.source, take.copied) - take.wanted), (before, take.wanted)):
+            found.append(np.einsum("fn,fnm,fm->f", miss, matters, miss))
+    kept, copied = (np.maximum(np.concatenate(each), 0.0) for each in (left, before))
+    return {
+        "energy left": round(float(kept.sum() / copied.sum()), 4),
+        "root left": round(float(np.sqrt(kept).sum() / np.sqrt(copied).sum()), 4),
+    }

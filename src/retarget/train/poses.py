@@ -79,14 +79,21 @@ def gather_motions(which: str, data: Path | None = None) -> list[Motion]:
     motions = [replace(embedded_motion(name), name=f"embedded/{name}") for name in EMBEDDED[which]]
     body = human()
     for path in _files(which, data):
-        asset = load(path)
-        for clip in asset.clips:
-            try:
-                copied = _copied(asset, clip.name, body)
-            except RetargetError as error:
-                log.warning("%s, clip %r: %s", path, clip.name, error)
-                continue
-            motions.append(replace(copied, name=f"{path.parent.name}/{path.stem}/{clip.name}"))
+        motions += copied_clips(path, body)
+    return motions
+
+
+def copied_clips(path: Path, body: Character) -> list[Motion]:
+    """The clips of a file on an embedded human, 30 frames a second (nearly); those that cannot be put on it are left out, with a
+    line in the log."""
+    asset, motions = load(path), []
+    for clip in asset.clips:
+        try:
+            copied = _copied(asset, clip.name, body)
+        except RetargetError as error:
+            log.warning("%s, clip %r: %s", path, clip.name, error)
+            continue
+        motions.append(replace(copied, name=f"{path.parent.name}/{path.stem}/{clip.name}"))
     return motions
 
 
@@ -127,7 +134,7 @@ def _make_up(poses: Poses, rotations: Float[Array, "count joints 4"], draw: np.r
     mixed = sort < MIXED
     rotations[np.ix_(mixed, LEGS)] = _frames(poses, int(mixed.sum()), draw)[:, LEGS]
     reaching = (sort >= MIXED) & (sort < MIXED + REACHING)
-    rotations[np.ix_(reaching, ARMS)] = _arms(int(reaching.sum()), draw)
+    rotations[np.ix_(reaching, ARMS)] = drawn_arms(int(reaching.sum()), draw)
     free = (sort >= MIXED + REACHING) & (sort < MIXED + REACHING + FREE)
     rotations[free, :22] = rot.from_rotation_vector(draw.normal(size=(free.sum(), 22, 3)) * _FREE[:, None])
     still = sort >= 1.0 - STILL
@@ -165,7 +172,7 @@ def other_side() -> Int[Array, "joints"]:
     return np.array([names.index(name) for name in swapped])
 
 
-def _arms(count: int, draw: np.random.Generator) -> Float[Array, "count arms 4"]:
+def drawn_arms(count: int, draw: np.random.Generator) -> Float[Array, "count arms 4"]:
     """Arms anywhere: upper arms around the body, elbows from straight to folded, forearms twisted."""
     turns = np.tile(rot.IDENTITY, (count, len(ARMS), 1))
     for side, first in ((1.0, 0), (-1.0, 4)):

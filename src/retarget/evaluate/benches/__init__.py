@@ -12,6 +12,7 @@ BENCHES = {
     "contact": "retarget.evaluate.benches.contact",
     "formats": "retarget.evaluate.benches.formats",
     "interaction": "retarget.evaluate.benches.interaction",
+    "interaction-learned": "retarget.evaluate.benches.interaction_learned",
     "rig-transfer": "retarget.evaluate.benches.rig_transfer",
     "scan": "retarget.evaluate.benches.scan",
     "shape-transfer": "retarget.evaluate.benches.shape_transfer",

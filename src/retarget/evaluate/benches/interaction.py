@@ -91,10 +91,10 @@ class Copied:
 def run(quick: bool = False, tell: Tell = untold) -> dict[str, Any]:
     """Every row on every case, then the terms apart, heavy performers, foreign characters, and speed."""
     cases: list[dict[str, Any]] = []
-    for performance, touch, case in _open_set(quick, tell):
+    for performance, touch, case in open_set(quick, tell):
         countable = keepable_tracks(touch, performance.name, case.target_name)
         rows = MAIN if not quick else {name: MAIN[name] for name in (COPY, OURS)}
-        cases += _measured(case, touch, countable, rows, tell)
+        cases += measured(case, touch, countable, rows, tell)
     ablations = [] if quick else list(_ablations(tell))
     slimmer = list(_slimmer(quick, tell))
     foreign = [] if quick else list(_foreign(tell))
@@ -116,7 +116,8 @@ def run(quick: bool = False, tell: Tell = untold) -> dict[str, Any]:
     }
 
 
-def _open_set(quick: bool, tell: Tell) -> Iterator[tuple[Performance, SourceTouch, ContactCase]]:
+def open_set(quick: bool, tell: Tell) -> Iterator[tuple[Performance, SourceTouch, ContactCase]]:
+    """Every case, with the performance's contacts."""
     for performance in performances(False):
         if quick and performance.name not in QUICK_MOTIONS:
             continue
@@ -138,7 +139,7 @@ def _ablations(tell: Tell) -> Iterator[dict[str, Any]]:
         touch = observe(source, performance.motion)
         for target in ABLATION_TARGETS:
             case = ContactCase(performance, target, embedded_actor(target), "ablation")
-            yield from _measured(case, touch, keepable_tracks(touch, name, target), rows, tell)
+            yield from measured(case, touch, keepable_tracks(touch, name, target), rows, tell)
 
 
 def _slimmer(quick: bool, tell: Tell) -> Iterator[dict[str, Any]]:
@@ -152,7 +153,7 @@ def _slimmer(quick: bool, tell: Tell) -> Iterator[dict[str, Any]]:
             touch = observe(heavy, motion)
             for target in SLIM_TARGETS[: 2 if quick else None]:
                 case = ContactCase(performance, target, embedded_actor(target), "slimmer")
-                yield from _measured(case, touch, None, {COPY: CopyRotations, OURS: Interaction}, tell)
+                yield from measured(case, touch, None, {COPY: CopyRotations, OURS: Interaction}, tell)
 
 
 def _foreign(tell: Tell) -> Iterator[dict[str, Any]]:
@@ -167,11 +168,11 @@ def _foreign(tell: Tell) -> Iterator[dict[str, Any]]:
             countable = search(touch, target, judge.carried, copied, judge.threshold, SEED)
             case = ContactCase(performance, target_name, target, "foreign")
             together = judge.keepable_together(touch, copied, countable, TOGETHER_EVERY, SEED)
-            for row in _measured(case, touch, countable, {COPY: CopyRotations, OURS: Interaction}, tell):
+            for row in measured(case, touch, countable, {COPY: CopyRotations, OURS: Interaction}, tell):
                 yield row | {"contacts_keepable": together}
 
 
-def _measured(
+def measured(
     case: ContactCase, touch: SourceTouch, countable, rows: dict[str, Callable[[], Method]], tell: Tell
 ) -> Iterator[dict[str, Any]]:
     """All rows of one case."""

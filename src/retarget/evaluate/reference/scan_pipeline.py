@@ -118,7 +118,7 @@ def load_published(folder: Path) -> dict[str, Published]:
 
     makers = {SKR: networks.SkeletonRegressor, SMRM: networks.MotionRetargeter, SKIN: networks.SkinningPredictor}
     found, spent = {}, {}
-    paths = sorted(folder.glob("paper-*.pt"))
+    paths = sorted(path for name in makers for path in folder.glob(f"{name}*.pt"))  # other papers' may be there too
     for path in [folder / f"{name}.pt" for name in makers if folder / f"{name}.pt" not in paths] + paths:
         if not path.is_file():
             raise FileError(path, "the network's weights are not there; retarget train makes them")

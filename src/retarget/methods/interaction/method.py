@@ -8,6 +8,8 @@ from typing import ClassVar
 from retarget.contact.contact_file import ContactEdits
 from retarget.errors import RetargetError
 from retarget.methods.base import Method
+from retarget.methods.interaction.looker import prepare_looker
+from retarget.methods.interaction.network import load_network
 from retarget.methods.interaction.retargeter import PreparedInteraction
 from retarget.motion.align import Actor
 from retarget.motion.copy_clip import CopySettings, prepare_copier
@@ -39,6 +41,9 @@ class Interaction(CopySettings, Method):
     """Solve clips frame by frame without a look ahead, exactly as `step` does."""
     step_fps: float = 30.0
     """Frames a second that `step` is called with: what the times of a contacts file mean there."""
+    learned_start: bool = False
+    """Start clips from what the network of `learned-interaction` says, and solve fewer rounds. Online every frame starts from
+    the one before."""
 
     def prepare(self, source: Actor, target: Actor) -> PreparedInteraction:
         """Match the bodies. Raises `RetargetError` for a target without a surface."""
@@ -50,4 +55,5 @@ class Interaction(CopySettings, Method):
         may_sink = stand_in is None and self.keep_depth
         goals, solver = prepare_touch(performer, target, self.weights, edits, stand_in is not None, may_sink)
         copier = prepare_copier(replace(self, foot_lock=self.foot_lock and edits.kind("ground") > 0), source, target)
-        return PreparedInteraction(copier, stand_in, goals, solver, self.causal, self.step_fps)
+        start = (prepare_looker(performer, target), load_network()) if self.learned_start else None
+        return PreparedInteraction(copier, stand_in, goals, solver, self.causal, self.step_fps, start)

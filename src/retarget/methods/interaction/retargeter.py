@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from retarget.body import rotations as rot
-from retarget.body.kinematics import local_positions
+from retarget.body.kinematics import local_positions, world_pose
 from retarget.character import Motion, Pose
 from retarget.contact.contact_edits import without_effect
 from retarget.methods.base import Result, Retargeter
+from retarget.methods.interaction.looker import Looker
+from retarget.methods.interaction.network import InteractionNetwork
 from retarget.motion.copy_clip import Copier
 from retarget.motion.stand_in import StandIn
-from retarget.motion.touch.goals import GoalMaker
+from retarget.motion.touch.goals import ClipGoals, GoalMaker
 from retarget.motion.touch.mend import (
     Before,
     between,
@@ -26,6 +29,11 @@ from retarget.motion.touch.mend import (
 )
 from retarget.motion.touch.report import corrections, remaining
 from retarget.motion.touch.solve import Solver
+
+Array = np.ndarray
+
+LEARNED_TOGETHER = 1
+"""Rounds of a whole clip that starts from what a network says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +48,8 @@ class PreparedInteraction(Retargeter):
     causal: bool
     step_fps: float
     """Frames a second that `step` is called with."""
+    start: tuple[Looker, InteractionNetwork] | None = None
+    """Who says where clips start from; None for key frames solved one after the other."""
     before: list[Before] = field(default_factory=list)
     """What the last online frame left."""
     steps: list[int] = field(default_factory=lambda: [0])
@@ -56,7 +66,7 @@ class PreparedInteraction(Retargeter):
         performed = self.stand_in.motion(motion) if self.stand_in else motion
         performed = replace(frames_of(performed, chosen), fps=fps, name=motion.name)
         found, goals = self.goals.clip(performed, frames, equations, touching)
-        x = solve_clip(self.solver, frames, goals, fps)
+        x = self._solved(performed, frames, goals, fps)
         if self.copier.settings.in_place:
             x[:, [-3, -1]] = 0.0  # across the ground the body stays where it is
         stats = copied.stats | {
@@ -78,6 +88,14 @@ class PreparedInteraction(Retargeter):
             stats["stand_in"] = list(self.stand_in.notes)
         whole = corrected(equations, copied.motion, between(x, chosen, len(motion)))
         return Result(self.copier.target, whole, status, stats)
+
+    def _solved(self, performed: Motion, frames: Motion, goals: ClipGoals, fps: float) -> Float[Array, "frames unknowns"]:
+        if self.start is None:
+            return solve_clip(self.solver, frames, goals, fps)
+        looker, network = self.start
+        turned = network(looker, performed, frames)
+        start = looker.unknowns.to_solver(turned, world_pose(frames)[0])
+        return solve_clip(self.solver, frames, goals, fps, start=start, together=LEARNED_TOGETHER)
 
     def step(self, pose: Pose) -> Pose:
         """The next pose online, on top of the copied one; starts where the last frame's solution was. Needs no later

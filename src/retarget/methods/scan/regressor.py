@@ -17,7 +17,8 @@ from jaxtyping import Float
 
 from retarget.body import rotations as rot
 from retarget.body.human import human_model
-from retarget.errors import FileError, RetargetError
+from retarget.errors import RetargetError
+from retarget.io.onnx_network import open_network
 from retarget.methods.scan.copies import fourfold, joined
 from retarget.methods.scan.features import JOINTS, ORDER, Bodies, Clouds, closer_look, first_look, gathered, thinned
 
@@ -108,26 +109,4 @@ def _moved(found: Bodies | None, out: Float[Array, "clouds outputs"]) -> Bodies:
 def load_regressor(folder: Path = FOLDER) -> Regressor:
     """The regressor with the package's weights, or those of a folder. Raises `FileError` for weights that are missing, damaged
     or of another version."""
-    return Regressor(tuple(open_network(folder / name, "skeleton-regressor") for name in FILES))
-
-
-def open_network(path: Path, kind: str) -> Any:
-    """A session for a network's file, on one thread. Raises `FileError` where it is missing, damaged, another network or another
-    version."""
-    import onnxruntime
-
-    if not path.is_file():
-        raise FileError(path, "the network's weights are not there; install the package again")
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 4
-    try:
-        session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # ONNX Runtime has a class for every fault, without a common one
-        raise FileError(path, f"no readable ONNX network ({type(error).__name__}); install the package again") from error
-    told = session.get_modelmeta().custom_metadata_map
-    if told.get("network") != kind:
-        raise FileError(path, f"holds the network {told.get('network', '?')!r} instead of {kind!r}")
-    if told.get("version") != VERSION:
-        raise FileError(path, f"weights of version {told.get('version', '?')}, but this program needs version {VERSION}")
-    return session
+    return Regressor(tuple(open_network(folder / name, "skeleton-regressor", VERSION) for name in FILES))

@@ -18,8 +18,9 @@ from jaxtyping import Float
 
 from retarget.body import rotations as rot
 from retarget.errors import RetargetError
+from retarget.io.onnx_network import open_network
 from retarget.methods.scan.features import FIRST_CHILD, JOINTS, PARENTS, USUAL_SIZE, bone_ends
-from retarget.methods.scan.regressor import FOLDER, open_network
+from retarget.methods.scan.regressor import FOLDER, VERSION
 
 Array = np.ndarray
 
@@ -87,4 +88,4 @@ def softmax(scores: Float[Array, "points joints"]) -> Float[Array, "points joint
 def load_field(folder: Path = FOLDER) -> SkinningField:
     """The field with the package's weights, or those of a folder. Raises `FileError` for weights that are missing, damaged or of
     another version."""
-    return SkinningField(open_network(folder / FILE, KIND))
+    return SkinningField(open_network(folder / FILE, KIND, VERSION))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,31 +51,30 @@ def solved_frames(motion: Motion) -> tuple[Int[Array, "chosen"], float]:
 
 
 def solve_clip(
-    solver: Solver, copied: Motion, goals: ClipGoals, fps: float, patience: int = 1
+    solver: Solver,
+    copied: Motion,
+    goals: ClipGoals,
+    fps: float,
+    patience: int = 1,
+    start: Float[Array, "frames unknowns"] | None = None,
+    together: int = TOGETHER,
 ) -> Float[Array, "frames unknowns"]:
     """Corrections of a copied clip, in `patience` times the usual number of steps at most. Frames `KEY` apart are solved one
-    after the other, the rest lies between them, then all are solved as one problem. Frames without a fault are not looked at:
-    they stay as copied."""
+    after the other, beginning at `start` (else at nothing) with what the key before was moved by; the rest is moved by what lies between them.
+    Then all are solved as one problem, in `together` steps and more where frames stay deep. Frames without a fault are not looked
+    at: they stay as copied."""
     equations, count = solver.equations, len(copied)
     deep = STILL_DEEP * equations.actor.height
     offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
     need = needs(equations, copied, offsets, goals)
     wanted = [goals.frame(f).weakened(need[f]) for f in range(count)]
-    keys = np.unique(np.append(np.arange(0, count, max(1, round(KEY * fps))), count - 1))
-    at_keys, x = [], np.zeros(equations.size)
-    for number, frame in enumerate(keys.tolist()):
-        rounds, steady = (ROUNDS, FOLLOW) if number else (patience * COLD, 0.0)
-        if need[frame]:
-            x = solver.follow(copied.rotations[frame], offsets[frame], wanted[frame], x, rounds, steady)
-        else:
-            x = np.zeros(equations.size)
-        at_keys.append(x)
-    x = np.stack([np.interp(np.arange(count), keys, column) for column in np.array(at_keys).T], axis=1)
+    start = np.zeros((count, equations.size)) if start is None else start * (need > 0)[:, None]
+    x = start + _moved_at_keys(solver, copied, offsets, wanted, need, fps, patience, start)
     found = [equations.nothing] * count
-    for turn in range(patience * MOST_TOGETHER):
+    for turn in range(patience * MOST_TOGETHER if together else 0):
         looked_at = [
             f for f in np.flatnonzero(need).tolist()
-            if turn == 0 or (np.abs(x[f] - found[f].at).max() > STAYED and (turn < patience * TOGETHER or found[f].deepest > deep))
+            if turn == 0 or (np.abs(x[f] - found[f].at).max() > STAYED and (turn < patience * together or found[f].deepest > deep))
         ]  # fmt: skip
         if not looked_at:
             break
@@ -82,6 +82,30 @@ def solve_clip(
             found[f] = equations.linearise(copied.rotations[f], offsets[f], wanted[f], x[f])
         x = solver.together(x, found, fps, need)
     return x
+
+
+def _moved_at_keys(
+    solver: Solver,
+    copied: Motion,
+    offsets: Float[Array, "frames joints 3"],
+    wanted: Sequence[FrameGoals],
+    need: Float[Array, "frames"],
+    fps: float,
+    patience: int,
+    start: Float[Array, "frames unknowns"],
+) -> Float[Array, "frames unknowns"]:
+    """By how much frames `KEY` apart move from `start`, one after the other, and what lies between them."""
+    count, moved, at_keys = len(copied), np.zeros(solver.equations.size), []
+    keys = np.unique(np.append(np.arange(0, count, max(1, round(KEY * fps))), count - 1))
+    for number, frame in enumerate(keys.tolist()):
+        rounds, steady = (ROUNDS, FOLLOW) if number else (patience * COLD, 0.0)
+        if need[frame]:
+            before = start[frame] + moved
+            moved = solver.follow(copied.rotations[frame], offsets[frame], wanted[frame], before, rounds, steady) - start[frame]
+        else:
+            moved = np.zeros(solver.equations.size)
+        at_keys.append(moved)
+    return np.stack([np.interp(np.arange(count), keys, column) for column in np.array(at_keys).T], axis=1)
 
 
 def solve_next(
@@ -109,8 +133,12 @@ def solve_next(
 
 def corrected(equations: PoseEquations, copied: Motion, x: Float[Array, "frames unknowns"]) -> Motion:
     """The copied motion with corrections on top."""
+    return turned_by(copied, equations.levers.turning, equations.hips, x)
+
+
+def turned_by(copied: Motion, turning: Int[Array, "turning"], hips: int, x: Float[Array, "frames unknowns"]) -> Motion:
+    """The same for a body of which only the joints that turn, and the one that is shifted, are known."""
     rotations, translations = copied.rotations.copy(), copied.translations.copy()
-    turning, hips = equations.levers.turning, equations.hips
     turns = x[:, :-3].reshape(len(x), -1, 3)
     rotations[:, turning] = rot.multiply(rot.from_rotation_vector(turns), rotations[:, turning])
     shift = x[:, -3:]

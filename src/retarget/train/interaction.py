@@ -1,0 +1,256 @@
+"""Recipe of the interaction network: from how two bodies stand to how the target's joints should turn.
+
+Two networks, one after the other: the first looks at the copied pose, the second at what an earlier look has made of it, and
+learns from poses that earlier looks leave. Both learn what the solver did (distillation), by the solver's own measure: a miss d of
+the correction costs d' M d, with the matrix M of the solver's problem at its solution. A plain squared error learns poses that are
+near in joints and lose contacts, because an elbow that opens by two degrees lifts the hand off the hip.
+`methods/interaction/network.py` uses what is learnt here.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from retarget.body.human import human
+from retarget.body.kinematics import world_pose
+from retarget.casting import cast
+from retarget.character import Motion
+from retarget.evaluate.scan_split import TRAINING, VALIDATION
+from retarget.methods.interaction.looker import Looker, Posed, nothing_turned, prepare_looker
+from retarget.methods.interaction.network import FILES, KIND, VERSION
+from retarget.methods.interaction.unknowns import SIZE
+from retarget.train.export import Graph
+from retarget.train.interaction_takes import FPS, keep_takes
+from retarget.train.loop import Recipe, Settings
+from retarget.train.mirrored import mirror_of_features, mirror_of_turned
+
+Array = np.ndarray
+
+TAKES, VALIDATION_TAKES = 128, 6
+WIDTH, DEPTH = 512, 3
+ENERGY = 0.02
+"""Energies well beyond this count by their root: few frames must not outweigh all others."""
+SHAKEN = 0.02
+"""Standard deviation of what is added to the corrections that the second network starts from, radians, at most."""
+SETTINGS = Settings(steps=5_000, batch=512, rate=1e-3, warm=200, decay=0.01, rough=0.9, every=100, checks=500)
+
+
+class LookNetwork(nn.Module):
+    """A residual network over standardised features."""
+
+    def __init__(self, middle: Tensor, spread: Tensor) -> None:
+        super().__init__()
+        self.register_buffer("middle", middle)
+        self.register_buffer("spread", spread)
+        self.enter = nn.Linear(len(middle), WIDTH)
+        self.norms = nn.ModuleList(nn.LayerNorm(WIDTH) for _ in range(DEPTH))
+        self.blocks = nn.ModuleList(nn.ModuleList([nn.Linear(WIDTH, WIDTH), nn.Linear(WIDTH, WIDTH)]) for _ in range(DEPTH))
+        self.leave = nn.Linear(WIDTH, SIZE)
+        nn.init.zeros_(self.leave.weight)
+        nn.init.zeros_(self.leave.bias)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """(frames, features) to changes of the correction (frames, SIZE)."""
+        x = self.enter((features - self.middle) / self.spread)
+        for norm, (first, second) in zip(self.norms, self.blocks):
+            x = x + second(torch.relu(first(norm(x))))
+        return self.leave(torch.relu(x))
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """All frames of a set of takes, end to end."""
+
+    features: Array
+    """(looks, features), half precision."""
+    turned: Array
+    """(looks, SIZE): where a look starts; there may be several of a frame, the second of all behind the first of all."""
+    wanted: Array
+    """(frames, SIZE): what the solver made."""
+    matters: Array
+    """(frames, triangle), half precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class TakeFrames:
+    """A clip of a take, with the bodies ready."""
+
+    looker: Looker
+    source: Posed
+    copied: Motion
+    world: Array
+    wanted: Array
+    matters: Array
+
+    def features(self, turned: Float[Array, "frames SIZE"]) -> Array:
+        """What a look sees that starts at `turned`."""
+        return self.looker.features(self.source, self.copied, self.world, turned).astype(np.float16)
+
+
+def load_takes(paths: list[Path]) -> list[TakeFrames]:
+    """The clips of files of takes."""
+    found, bodies = [], {}
+    for path in paths:
+        with np.load(path) as stored:
+            for place in range(sum(name.startswith("turned_") for name in stored.files)):
+                shapes = tuple(tuple(map(tuple, stored[f"{name}_{place}"])) for name in ("source", "target"))
+                if shapes not in bodies:
+                    source, target = (cast(human(**{k: float(v) for k, v in shape})) for shape in shapes)
+                    bodies = {shapes: (prepare_looker(source, target), source, target)} | dict(list(bodies.items())[:3])
+                looker, source, target = bodies[shapes]
+                motions = [
+                    Motion(actor.skeleton, stored[f"{name}_{place}"].astype(np.float64), stored[f"{name}_path_{place}"], FPS)
+                    for name, actor in (("performed", source), ("copied", target))
+                ]
+                found.append(
+                    TakeFrames(
+                        looker, looker.source(motions[0]), motions[1], world_pose(motions[1])[0],
+                        stored[f"turned_{place}"], stored[f"matters_{place}"],
+                    )
+                )  # fmt: skip
+    return found
+
+
+def first_frames(takes: list[TakeFrames]) -> Frames:
+    """Copied poses: what the first look starts from."""
+    starts = [nothing_turned(len(take.wanted)) for take in takes]
+    return Frames(
+        np.concatenate([take.features(start) for take, start in zip(takes, starts)]),
+        np.concatenate(starts).astype(np.float32),
+        np.concatenate([take.wanted for take in takes]).astype(np.float32),
+        np.concatenate([take.matters for take in takes]),
+    )
+
+
+def later_frames(takes: list[TakeFrames], first: Frames, network: nn.Module, seed: int | None) -> Frames:
+    """Poses that the first look leaves; with a `seed`, shaken, and followed by others between those and the solver's."""
+    reached = first.turned + _said(network, first.features)
+    if seed is None:
+        turned = reached
+    else:
+        draw = np.random.default_rng([seed, 43])
+        count = len(reached)
+        nearer = first.wanted + draw.uniform(0.0, 0.7, (count, 1)) * (reached - first.wanted)
+        shake = draw.uniform(0.0, SHAKEN, (2 * count, 1)) * draw.normal(size=(2 * count, SIZE))
+        shake[:, -3:] *= 0.1
+        turned = np.concatenate([reached, nearer]) + shake * np.tile(np.abs(first.wanted).max(axis=1, keepdims=True) > 0, (2, 1))
+    ends = np.cumsum([len(take.wanted) for take in takes])
+    features = [
+        take.features(turned[round_ * ends[-1] + end - len(take.wanted) : round_ * ends[-1] + end])
+        for round_ in range(len(turned) // ends[-1]) for take, end in zip(takes, ends)
+    ]  # fmt: skip
+    return Frames(np.concatenate(features), turned.astype(np.float32), first.wanted, first.matters)
+
+
+@torch.no_grad()
+def _said(network: nn.Module, features: Array) -> Array:
+    chunks = [features[start : start + 4096].astype(np.float32) for start in range(0, len(features), 4096)]
+    return np.concatenate([network(torch.from_numpy(chunk)).numpy() for chunk in chunks])
+
+
+class LookRecipe(Recipe):
+    """One of the two networks."""
+
+    name: ClassVar[str] = KIND
+
+    def __init__(self, learnt: Frames, judged: Frames) -> None:
+        self.learnt, self.judged = learnt, judged
+
+    def network(self) -> nn.Module:
+        """Fresh, 2.9 million weights."""
+        seen = self.learnt.features[:: max(1, len(self.learnt.features) // 20_000)].astype(np.float32)
+        return LookNetwork(torch.from_numpy(seen.mean(axis=0)), torch.from_numpy(seen.std(axis=0) + 1e-3))
+
+    def batch(self, number: int, count: int) -> Any:
+        """Random frames, half of them mirrored."""
+        draw = np.random.default_rng([number, 41])
+        chosen = draw.integers(len(self.learnt.turned), size=count)
+        return _chosen(self.learnt, chosen, draw.random(count) < 0.5)
+
+    def losses(self, network: nn.Module, batch: Any) -> dict[str, Tensor]:
+        """The solver's measure of the miss, by its root where it is large."""
+        features, turned, wanted, matters = batch
+        energy = _energy(turned + network(features).float() - wanted, matters)
+        return {"energy": ENERGY * 2.0 * ((1.0 + energy / ENERGY).sqrt() - 1.0).mean() / ENERGY, "energy_seen": energy.mean()}
+
+    @torch.no_grad()
+    def check(self, network: nn.Module) -> dict[str, float]:
+        """The share of the copied pose's miss that is left on the validation set."""
+        left, before, turns = [], [], []
+        for start in range(0, len(self.judged.wanted), 2048):
+            features, turned, wanted, matters = _chosen(self.judged, np.arange(start, min(start + 2048, len(self.judged.wanted))))
+            miss = turned + network(features) - wanted
+            left.append(_energy(miss, matters))
+            before.append(_energy(wanted, matters))
+            turns.append(miss.square().sum(dim=1))
+        left, before = torch.cat(left), torch.cat(before)
+        return {
+            "energy left": float(left.sum() / before.sum()), "root left": float(left.sqrt().sum() / before.sqrt().sum()),
+            "miss": float(torch.cat(turns).mean().sqrt()),
+        }  # fmt: skip
+
+
+STAGES = 2
+"""Networks, one learnt after the other."""
+
+
+def recipe(data: Path | None, cache: Path, before: Sequence[nn.Module] = (), takes: int = TAKES) -> LookRecipe:
+    """The recipe of the network that comes after those learnt `before`; takes are made, and kept, in `cache`."""
+    sets = []
+    for which, count in ((TRAINING, takes), (VALIDATION, VALIDATION_TAKES)):
+        clips = load_takes(keep_takes(which, count, data, cache, os.cpu_count() or 1))
+        frames = first_frames(clips)
+        for network in before:
+            frames = later_frames(clips, frames, network, 0 if which == TRAINING else None)
+        sets.append(frames)
+    return LookRecipe(*sets)
+
+
+def export(networks: Sequence[nn.Module], folder: Path, told: Mapping[str, str]) -> None:
+    """Write the networks as ONNX files into a folder; `told` goes into them too."""
+    for name, network in zip(FILES, networks, strict=True):
+        graph = Graph()
+        scaled = nn.Linear(len(network.middle), WIDTH)  # standardises and enters at once
+        scaled.weight.data = network.enter.weight / network.spread
+        scaled.bias.data = network.enter.bias - scaled.weight.data @ network.middle
+        x = graph.linear(scaled, "features")
+        for norm, (first, second) in zip(network.norms, network.blocks):
+            x = graph.apply("Add", [x, graph.linear(second, graph.apply("Relu", [graph.linear(first, graph.norm(norm, x))]))])
+        out = graph.linear(network.leave, graph.apply("Relu", [x]))
+        graph.save(folder / name, out, len(network.middle), SIZE, {**told, "network": KIND, "version": VERSION})
+
+
+def _chosen(frames: Frames, chosen: Array, mirrored: Array | None = None) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Features, where a look starts, what the solver made and how much each miss matters; of frames, or their mirror images."""
+    frame = chosen % len(frames.wanted)
+    features, turned, wanted = frames.features[chosen].astype(np.float32), frames.turned[chosen], frames.wanted[frame]
+    matters = whole_matters(frames.matters[frame])
+    if mirrored is not None:
+        seen, said = mirror_of_features(), mirror_of_turned()
+        features[mirrored] = seen(features[mirrored])
+        turned[mirrored], wanted[mirrored] = said(turned[mirrored]), said(wanted[mirrored])
+        signs = said.signs.astype(np.float32)
+        matters[mirrored] = matters[mirrored][:, said.rows[:, None], said.rows] * (signs[:, None] * signs)
+    return tuple(torch.from_numpy(each) for each in (features, turned, wanted, matters))
+
+
+def whole_matters(triangles: Array) -> Array:
+    """Symmetric matrices (frames, SIZE, SIZE) of their lower triangles."""
+    rows, columns = np.tril_indices(SIZE)
+    matters = np.zeros((len(triangles), SIZE, SIZE), dtype=np.float32)
+    matters[:, rows, columns] = matters[:, columns, rows] = triangles
+    return matters
+
+
+def _energy(miss: Tensor, matters: Tensor) -> Tensor:
+    with torch.autocast("cpu", enabled=False):
+        return torch.einsum("fn,fnm,fm->f", miss.float(), matters, miss.float()).clamp(min=0.0)

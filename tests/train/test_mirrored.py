@@ -1,0 +1,26 @@
+"""The mirror image of what the network sees is what it sees of the mirror image."""
+
+import numpy as np
+from made_motions import actor, mirrored
+
+from retarget.body.kinematics import world_pose
+from retarget.methods.interaction.looker import prepare_looker
+from retarget.methods.interaction.unknowns import SIZE
+from retarget.motion.library import embedded_motion
+from retarget.motion.touch.mend import frames_of
+from retarget.retargeting import prepare
+from retarget.train.mirrored import mirror_of_features, mirror_of_turned
+
+
+def test_seen_in_a_mirror():
+    motion = frames_of(embedded_motion("arms_crossed"), np.array([30, 60, 90]))
+    looker = prepare_looker(actor(), actor("heavy"))
+    copied = prepare(actor(), actor("heavy"), "copy-rotations", foot_lock=False, one_rig=True).retargeter(motion).motion
+    turned = np.random.default_rng(0).normal(size=(3, SIZE)) * 0.05
+    said = mirror_of_turned()
+    here = looker.features(looker.source(motion), copied, world_pose(copied)[0], turned)
+    other = mirrored(copied)
+    there = looker.features(looker.source(mirrored(motion)), other, world_pose(other)[0], said(turned))
+    assert np.abs(mirror_of_features()(here) - there).max() < 1e-5
+    assert np.abs(here - there).max() > 0.1
+    assert np.array_equal(said(said(turned)), turned)
