@@ -180,7 +180,7 @@ class LookRecipe(Recipe):
         """The solver's measure of the miss, by its root where it is large."""
         features, turned, wanted, matters = batch
         energy = _energy(turned + network(features).float() - wanted, matters)
-        return {"energy": ENERGY * 2.0 * ((1.0 + energy / ENERGY).sqrt() - 1.0).mean() / ENERGY, "energy_seen": energy.mean()}
+        return {"energy": 2.0 * ((1.0 + energy / ENERGY).sqrt() - 1.0).mean(), "energy_seen": energy.mean()}
 
     @torch.no_grad()
     def check(self, network: nn.Module) -> dict[str, float]:
@@ -203,10 +203,10 @@ STAGES = 2
 """Networks, one learnt after the other."""
 
 
-def recipe(data: Path | None, cache: Path, before: Sequence[nn.Module] = (), takes: int = TAKES) -> LookRecipe:
+def recipe(data: Path | None, cache: Path, before: Sequence[nn.Module] = ()) -> LookRecipe:
     """The recipe of the network that comes after those learnt `before`; takes are made, and kept, in `cache`."""
     sets = []
-    for which, count in ((TRAINING, takes), (VALIDATION, VALIDATION_TAKES)):
+    for which, count in ((TRAINING, TAKES), (VALIDATION, VALIDATION_TAKES)):
         clips = load_takes(keep_takes(which, count, data, cache, os.cpu_count() or 1))
         frames = first_frames(clips)
         for network in before:

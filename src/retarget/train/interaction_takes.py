@@ -161,16 +161,16 @@ class _Pair:
         need = needs(equations, frames, offsets, goals)
         chosen = np.flatnonzero((need > 0) | (draw.random(len(x)) < IDLE))
         chosen = chosen if len(chosen) else np.zeros(1, dtype=int)
-        turned, matters = [], []
+        matters = []
         for f in chosen:
             matrix = np.zeros((len(x[f]), len(x[f])))
             if need[f] > 0:
                 matrix = equations.linearise(frames.rotations[f], offsets[f], goals.frame(f).weakened(need[f]), x[f]).matrix
             prior = PRIOR * (solver.stiffness + CALM * (1.0 - need[f]) * solver.inertia)
             matters.append(matrix + np.diag(prior))
-        hips = world_pose(frames)[0][chosen]
-        turned = self.unknowns.from_solver(x[chosen], hips)
-        matters = self.unknowns.matrix(np.stack(matters), hips)
+        world = world_pose(frames)[0][chosen]
+        turned = self.unknowns.from_solver(x[chosen], world)
+        matters = self.unknowns.matrix(np.stack(matters), world)
         rows, columns = np.tril_indices(matters.shape[1])
         return Take(
             source_shape, target_shape, frames_of(motion, chosen), frames_of(frames, chosen), turned,

@@ -1,7 +1,8 @@
 """The networks of others as methods, for embedded humans: Villegas et al. 2018 and Rekik 2023 (recurrent, from joints alone), Zhang et
 al. 2023 (copied rotations with residuals) and Ye et al. 2024 (the dense field). Torch is imported where they are used.
 
-All take the path, the ground contacts and the fingers of copied rotations: the papers say nothing of them, or work in the hips' space.
+All take the path and the fingers of copied rotations: the papers say nothing of them, or work in the hips' space. Feet are not held
+again on top of what the networks say.
 """
 
 from __future__ import annotations
