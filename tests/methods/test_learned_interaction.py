@@ -1,9 +1,11 @@
 """The interaction network: contacts are kept and what sinks in comes out, in a fraction of the solver's time; bad weights are named."""
 
 import shutil
+import sys
 import time
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +22,10 @@ from retarget.methods.interaction.method import Interaction
 from retarget.methods.interaction.network import FILES, FOLDER, load_network
 from retarget.motion.filter import cut, resample
 from retarget.motion.library import embedded_motion
-from retarget.retargeting import prepare
+from retarget.retargeting import prepare, retarget
+
+sys.path.append(str(Path(__file__).parents[1] / "rig"))
+from made_quadrupeds import Build, quadruped  # noqa: E402
 
 
 @cache
@@ -118,6 +123,11 @@ def test_a_target_without_a_surface_is_refused():
     bare = cast_by_names(Character(body().skeleton))
     with pytest.raises(RetargetError, match="no surface; the method 'learned-interaction' needs one"):
         prepare(actor(), bare, "learned-interaction")
+
+
+def test_a_quadruped_is_refused_with_words():
+    with pytest.raises(RetargetError, match="matches no humanoid"):
+        retarget(hands_on_hips(), quadruped(Build()).character, method="learned-interaction")
 
 
 def test_a_source_without_a_surface_gets_a_body():

@@ -5,15 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from retarget.body.human import human
 from retarget.body.kinematics import world_pose
 from retarget.body.skinning import prepare_skinning
-from retarget.casting import cast
 from retarget.evaluate.contact_cases import CAPTURED, SEEN_MOTIONS, UNSEEN_MOTIONS
 from retarget.evaluate.scan_split import TRAINING
 from retarget.evaluate.touch import judged_body
 from retarget.methods.interaction.unknowns import SIZE
 from retarget.train import interaction_takes as takes_of
+from retarget.train import performances
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +30,7 @@ def made():
 def test_a_take_is_a_function_of_its_number(takes):
     for one, other in zip(takes, made(), strict=True):
         assert np.array_equal(one.turned, other.turned) and np.array_equal(one.matters, other.matters)
-        assert one.target_shape == other.target_shape
+        assert one.target == other.target
 
 
 def test_what_is_kept_fits_together(takes):
@@ -53,7 +52,7 @@ def test_the_measure_of_misses_has_no_way_that_wins(takes):
 
 def test_performers_are_not_inside_themselves(takes):
     for take in takes:
-        performer = cast(human(**take.source_shape))
+        performer = takes_of.body_of(take.source, None)
         posed = prepare_skinning(performer.character).vertices(*world_pose(take.performed))
         depth = judged_body(performer).collider.depths(posed)
         assert np.percentile(depth.max(axis=1), 75) < 0.02 * performer.height
@@ -61,6 +60,6 @@ def test_performers_are_not_inside_themselves(takes):
 
 def test_nothing_unseen_is_learnt_from():
     data = Path("/nonexistent")
-    names = {clip.name.split("/")[-1] for clip in takes_of.clips_of(TRAINING, None)}
+    names = {clip.name.split("/")[-1] for clip in performances.clips_of(TRAINING, None)}
     assert names == set(SEEN_MOTIONS) and not names & set(UNSEEN_MOTIONS)
-    assert takes_of.clips_of(TRAINING, data) and {name for name, half in CAPTURED.items() if half == "u"}
+    assert performances.clips_of(TRAINING, data) and {name for name, half in CAPTURED.items() if half == "u"}

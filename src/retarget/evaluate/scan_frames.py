@@ -54,20 +54,25 @@ def regressor_errors(kind: str, count: int) -> list[float]:
 
 def fitted_errors(kind: str, count: int) -> list[float]:
     """The same of the body that is fitted to each cloud by itself, from the regressor's guess; nobody found is a refusal."""
-    body, found = scan_body(), []
+    found = []
     for number in range(count):
         cloud, truth = single_cloud(kind, number)
-        seen = Tracker(load_regressor()).step(cloud)
-        if seen.pose is None:
-            found.append(REFUSED)
-            continue
-        rest, joints = body.rest_joints(seen.shape), np.empty((BODY, 3))
-        joints[0] = seen.state.root
-        for joint in range(1, BODY):
-            above = body.parents[joint]
-            joints[joint] = joints[above] + seen.state.turns[above] @ (rest[joint] - rest[above])
-        found.append(float(np.linalg.norm(joints - truth, axis=1).mean()))
+        fitted = fitted_joints(cloud)
+        found.append(REFUSED if fitted is None else float(np.linalg.norm(fitted[0] - truth, axis=1).mean()))
     return found
+
+
+def fitted_joints(cloud: Float[Array, "points 3"]) -> tuple[Float[Array, "body 3"], Float[Array, "body 4"]] | None:
+    """Joints (metres) and world rotations of the body that is fitted to a single cloud; nothing where nobody is found."""
+    body, seen = scan_body(), Tracker(load_regressor()).step(cloud)
+    if seen.pose is None:
+        return None
+    rest, joints = body.rest_joints(seen.shape), np.empty((BODY, 3))
+    joints[0] = seen.state.root
+    for joint in range(1, BODY):
+        above = body.parents[joint]
+        joints[joint] = joints[above] + seen.state.turns[above] @ (rest[joint] - rest[above])
+    return joints, rot.from_matrix(seen.state.turns)
 
 
 def single_cloud(kind: str, number: int) -> tuple[Float[Array, "points 3"], Float[Array, "joints 3"]]:
@@ -106,11 +111,12 @@ def skinning_errors(quick: bool) -> dict[str, float]:
             body = unseen_body(seed)
             vertices, joints, turns = resting(body, lift)
             truth = body_weights(body)
-            seen = load_regressor()(sample_surface(vertices, body.mesh.faces, POINTS, seed))
+            cloud = sample_surface(vertices, body.mesh.faces, POINTS, seed)
+            seen = load_regressor()(cloud)
             for key, places, turned in (
                 ("skin_weight_mse", seen.places, seen.turns), ("skin_weight_mse_true_joints", joints, turns),
             ):  # fmt: skip
-                rows[key].append(float(((load_field()(vertices, places, turned) - truth) ** 2).mean()))
+                rows[key].append(float(((load_field()(vertices, places, turned, cloud) - truth) ** 2).mean()))
             if not quick:
                 rows["skin_weight_mse_rig"] += _by_rig(Mesh(vertices, body.mesh.faces), truth)
         found |= {f"{key}{suffix}": float(np.mean(values)) for key, values in rows.items() if values}

@@ -20,28 +20,27 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from retarget.body.human import human
 from retarget.body.kinematics import world_pose
-from retarget.casting import cast
 from retarget.character import Motion
 from retarget.evaluate.scan_split import TRAINING, VALIDATION
 from retarget.methods.interaction.looker import Looker, Posed, nothing_turned, prepare_looker
 from retarget.methods.interaction.network import FILES, KIND, VERSION
 from retarget.methods.interaction.unknowns import SIZE
 from retarget.train.export import Graph
-from retarget.train.interaction_takes import FPS, keep_takes
+from retarget.train.interaction_takes import body_of, keep_takes
 from retarget.train.loop import Recipe, Settings
 from retarget.train.mirrored import mirror_of_features, mirror_of_turned
+from retarget.train.poses import FPS
 
 Array = np.ndarray
 
-TAKES, VALIDATION_TAKES = 128, 6
+TAKES, VALIDATION_TAKES = 144, 6
 WIDTH, DEPTH = 512, 3
 ENERGY = 0.02
 """Energies well beyond this count by their root: few frames must not outweigh all others."""
 SHAKEN = 0.02
 """Standard deviation of what is added to the corrections that the second network starts from, radians, at most."""
-SETTINGS = Settings(steps=5_000, batch=512, rate=1e-3, warm=200, decay=0.01, rough=0.9, every=100, checks=500)
+SETTINGS = Settings(steps=4_000, batch=512, rate=1e-3, warm=200, decay=0.01, rough=0.9, every=100, checks=500)
 
 
 class LookNetwork(nn.Module):
@@ -96,21 +95,22 @@ class TakeFrames:
         return self.looker.features(self.source, self.copied, self.world, turned).astype(np.float16)
 
 
-def load_takes(paths: list[Path]) -> list[TakeFrames]:
-    """The clips of files of takes."""
+def load_takes(paths: list[Path], data: Path | None) -> list[TakeFrames]:
+    """The clips of files of takes; characters are below `data`."""
     found, bodies = [], {}
     for path in paths:
         with np.load(path) as stored:
             for place in range(sum(name.startswith("turned_") for name in stored.files)):
-                shapes = tuple(tuple(map(tuple, stored[f"{name}_{place}"])) for name in ("source", "target"))
-                if shapes not in bodies:
-                    source, target = (cast(human(**{k: float(v) for k, v in shape})) for shape in shapes)
-                    bodies = {shapes: (prepare_looker(source, target), source, target)} | dict(list(bodies.items())[:3])
-                looker, source, target = bodies[shapes]
-                motions = [
-                    Motion(actor.skeleton, stored[f"{name}_{place}"].astype(np.float64), stored[f"{name}_path_{place}"], FPS)
-                    for name, actor in (("performed", source), ("copied", target))
-                ]
+                told = tuple(tuple(map(tuple, stored[f"{name}_{place}"])) for name in ("source", "target"))
+                if told not in bodies:
+                    source, target = (body_of(dict(each), data) for each in told)
+                    bodies = {told: (prepare_looker(source, target), source, target)} | dict(list(bodies.items())[:3])
+                looker, source, target = bodies[told]
+                motions = []
+                for name, actor in (("performed", source), ("copied", target)):
+                    places = stored[f"{name}_path_{place}"]
+                    moved = (0, actor.humanoid.joints["hips"])[: places.shape[1]]  # hips below a root move too
+                    motions.append(Motion(actor.skeleton, stored[f"{name}_{place}"].astype(np.float64), places, FPS, moved))
                 found.append(
                     TakeFrames(
                         looker, looker.source(motions[0]), motions[1], world_pose(motions[1])[0],
@@ -207,7 +207,7 @@ def recipe(data: Path | None, cache: Path, before: Sequence[nn.Module] = ()) -> 
     """The recipe of the network that comes after those learnt `before`; takes are made, and kept, in `cache`."""
     sets = []
     for which, count in ((TRAINING, TAKES), (VALIDATION, VALIDATION_TAKES)):
-        clips = load_takes(keep_takes(which, count, data, cache, os.cpu_count() or 1))
+        clips = load_takes(keep_takes(which, count, data, cache, os.cpu_count() or 1), data)
         frames = first_frames(clips)
         for network in before:
             frames = later_frames(clips, frames, network, 0 if which == TRAINING else None)

@@ -56,10 +56,10 @@ def judge_field(weights: Path, cache: Path) -> dict[str, float]:
             draw = np.random.default_rng([body, 23])
             samples = draw.choice(SAMPLES, size=4000, replace=False)
             points, weights_, joints, matrices = resting(bodies, body, still_poses(1, draw, lifts)[0], samples, 0.0)
-            found = field(points, joints, rot.from_matrix(matrices))
+            found = field(points, joints, rot.from_matrix(matrices), points)
             figures.setdefault(f"{stance} mse", []).append(((found - weights_) ** 2).mean())
             seen = regressor(points)
-            guessed = field(points, seen.places, seen.turns)
+            guessed = field(points, seen.places, seen.turns, points)
             figures.setdefault(f"{stance} mse, joints of the regressor", []).append(((guessed - weights_) ** 2).mean())
     return {name: round(float(np.mean(values)), 6) for name, values in figures.items()}
 
@@ -69,7 +69,7 @@ def judge_interaction(weights: Path, data: Path | None, cache: Path) -> dict[str
     of its root, which few bad frames do not decide. What results are worth is the bench's to say."""
     network = load_network(weights)
     left, before = [], []
-    for take in load_takes(keep_takes(VALIDATION, VALIDATION_TAKES, data, cache, os.cpu_count() or 1)):
+    for take in load_takes(keep_takes(VALIDATION, VALIDATION_TAKES, data, cache, os.cpu_count() or 1), data):
         matters = whole_matters(take.matters)
         for found, miss in ((left, network.said(take.looker, take.source, take.copied) - take.wanted), (before, take.wanted)):
             found.append(np.einsum("fn,fnm,fm->f", miss, matters, miss))

@@ -126,7 +126,7 @@ class PaperInteractionRecipe(Recipe):
 
 
 def performances_of(paths: list[Path], layout: Any) -> tuple[list[tuple[Array, int]], list[ReferenceBody]]:
-    """What is performed in files of takes (local rotations of the 22 joints, and by which body), and all bodies in them."""
+    """What is performed in files of takes (local rotations of the 22 joints, and by which body), and all embedded bodies in them."""
     performances, shapes, bodies = [], {}, []
     for path in paths:
         with np.load(path) as stored:
@@ -134,7 +134,7 @@ def performances_of(paths: list[Path], layout: Any) -> tuple[list[tuple[Array, i
             for place in range(sum(name.startswith("turned_") for name in stored.files)):
                 for name in ("source", "target"):
                     shape = tuple(map(tuple, stored[f"{name}_{place}"]))
-                    if shape not in shapes:
+                    if shape not in shapes and "file" not in dict(shape):
                         shapes[shape] = len(bodies)
                         bodies.append(reference_body(dict(shape), layout))
                 performed = stored[f"performed_{place}"][:, :JOINTS]

@@ -1,8 +1,8 @@
 """The networks of others as methods, for embedded humans: Villegas et al. 2018 and Rekik 2023 (recurrent, from joints alone), Zhang et
 al. 2023 (copied rotations with residuals) and Ye et al. 2024 (the dense field). Torch is imported where they are used.
 
-All take the path and the fingers of copied rotations: the papers say nothing of them, or work in the hips' space. Feet are not held
-again on top of what the networks say.
+All take the path and the fingers of copied rotations: the papers say nothing of them, or work in the hips' space. What rests on the
+ground is held, as in all our rows.
 """
 
 from __future__ import annotations
@@ -44,7 +44,10 @@ class Copying(Retargeter):
         copied = self.copier.clip(motion)
         rotations = copied.motion.rotations.copy()
         rotations[:, :JOINTS] = rot.continuous(self.rotations(motion, copied.motion))
-        return Result(self.copier.target, replace(copied.motion, rotations=rotations))
+        moved = replace(copied.motion, rotations=rotations)
+        if copied.contacts is not None:
+            moved = self.copier.clip(motion, turned=world_pose(moved)[0]).motion
+        return Result(self.copier.target, moved)
 
     def step(self, pose: Pose) -> Pose:
         """Raises `RetargetError`: these are measured on clips."""
