@@ -26,6 +26,7 @@ from retarget.evaluate.scan_split import TRAINING, VALIDATION
 from retarget.methods.interaction.looker import Looker, Posed, nothing_turned, prepare_looker
 from retarget.methods.interaction.network import FILES, KIND, VERSION
 from retarget.methods.interaction.unknowns import SIZE
+from retarget.motion.touch.mend import frames_of
 from retarget.train.export import Graph
 from retarget.train.interaction_takes import body_of, keep_takes
 from retarget.train.loop import Recipe, Settings
@@ -38,9 +39,11 @@ TAKES, VALIDATION_TAKES = 144, 6
 WIDTH, DEPTH = 512, 3
 ENERGY = 0.02
 """Energies well beyond this count by their root: few frames must not outweigh all others."""
+TALL = 1.7
+"""Height (metres) of bodies for which misses count as the solver has them."""
 SHAKEN = 0.02
 """Standard deviation of what is added to the corrections that the second network starts from, radians, at most."""
-SETTINGS = Settings(steps=4_000, batch=512, rate=1e-3, warm=200, decay=0.01, rough=0.9, every=100, checks=500)
+SETTINGS = Settings(steps=3_000, batch=512, rate=1e-3, warm=200, decay=0.01, rough=0.9, every=100, checks=500)
 
 
 class LookNetwork(nn.Module):
@@ -111,10 +114,16 @@ def load_takes(paths: list[Path], data: Path | None) -> list[TakeFrames]:
                     places = stored[f"{name}_path_{place}"]
                     moved = (0, actor.humanoid.joints["hips"])[: places.shape[1]]  # hips below a root move too
                     motions.append(Motion(actor.skeleton, stored[f"{name}_{place}"].astype(np.float64), places, FPS, moved))
+                alike = (TALL / target.height) ** 2  # the solver's measure grows with the body
+                matters = alike * stored[f"matters_{place}"].astype(np.float32)
+                held = np.flatnonzero((np.abs(matters) < np.finfo(np.float16).max).all(axis=1))
+                if not len(held):
+                    continue
+                performed, copied = (frames_of(motion, held) for motion in motions)
                 found.append(
                     TakeFrames(
-                        looker, looker.source(motions[0]), motions[1], world_pose(motions[1])[0],
-                        stored[f"turned_{place}"], stored[f"matters_{place}"],
+                        looker, looker.source(performed), copied, world_pose(copied)[0],
+                        stored[f"turned_{place}"][held], matters[held].astype(np.float16),
                     )
                 )  # fmt: skip
     return found

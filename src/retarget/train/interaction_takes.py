@@ -15,6 +15,7 @@ from __future__ import annotations
 import logging
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -153,8 +154,13 @@ class _Pair:
 def body_of(body: Body, data: Path | None) -> Actor:
     """The body itself. Raises `FileError` for a character that is not there."""
     if "file" in body:
-        return cast(load(Path(data or ".") / str(body["file"])))
+        return _character(Path(data or ".") / str(body["file"]))
     return cast(human(**{name: float(value) for name, value in body.items()}))
+
+
+@lru_cache(maxsize=len(STRANGERS))
+def _character(path: Path) -> Actor:
+    return cast(load(path))
 
 
 def _target(which: str, draw: np.random.Generator, data: Path | None) -> Body:
