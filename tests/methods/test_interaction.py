@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from made_bodies import box, with_faces, with_piece
-from made_motions import actor, body, cast_by_names, walk
+from made_motions import actor, body, cast_by_names, scaled, walk
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import forward, local_positions, rest_pose
@@ -47,6 +47,14 @@ def test_hands_come_out_and_stay_on(preset):
     assert before["penetration_percent"] > 5
     assert after["penetration_percent"] < 0.1
     assert after["contacts_kept"] > before["contacts_kept"] - 0.05 and after["contacts_kept"] > 0.8
+
+
+@pytest.mark.parametrize("factor", [0.3, 3.0])
+def test_a_body_in_another_unit_is_corrected_alike(factor):
+    target = cast_by_names(scaled(body("heavy"), factor))
+    made = prepare(actor(), target, Interaction()).retargeter(hands_on_hips()).motion
+    apart = np.degrees(rot.angle_between(made.rotations, solved("heavy").motion.rotations))
+    assert apart.max() < 2.0 and apart.mean() < 0.25
 
 
 def test_feet_and_legs_hardly_move_where_hands_touch():
@@ -164,7 +172,8 @@ def test_without_ground_strength_nothing_is_held_down():
     prepared = prepare(actor(), actor("heavy"), Interaction(contacts=ContactEdits(strength=(("ground", 0.0),)))).retargeter
     assert prepared.solver.equations.weights.support == 0.0 and not prepared.copier.settings.foot_lock
     half = prepare(actor(), actor("heavy"), Interaction(contacts=ContactEdits(strength=(("ground", 0.5),)))).retargeter
-    assert half.solver.equations.weights.support == 0.5 * Weights().support and half.copier.settings.foot_lock
+    usual = Weights().sized(actor("heavy").height).support
+    assert half.solver.equations.weights.support == pytest.approx(0.5 * usual) and half.copier.settings.foot_lock
 
 
 def test_contacts_are_added_to_whole_clips_only():

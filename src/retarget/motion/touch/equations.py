@@ -9,7 +9,7 @@ trains a network.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,6 +27,8 @@ from retarget.motion.touch.goals import FrameGoals, FrameSurface
 
 Array = np.ndarray
 
+TALL = 1.7
+"""Height (metres) of the bodies that weights and lengths in metres are meant for; on others they are in proportion."""
 MARGIN = 0.0018
 """Share of the height that surfaces keep apart."""
 MOST_CONTACT, MOST_REPULSION, MOST_NEAR = 100.0, 250.0, 30.0
@@ -42,7 +44,8 @@ EFFECTORS = ("leftHand", "rightHand", "head", "leftFoot", "rightFoot")
 
 @dataclass(frozen=True)
 class Weights:
-    """What each term weighs; residuals are metres and radians. Ours, measured on the seen half of the benchmark set."""
+    """What each term weighs; residuals are radians, and metres on a body as tall as `TALL`. Ours, measured on the seen half of the
+    benchmark set."""
 
     contact: float = 9.0
     """A contact, along its normal."""
@@ -62,6 +65,11 @@ class Weights:
     """The orientation of an end effector."""
     limits: float = 300.0
     """What a joint is beyond its limits, further than in the copied pose."""
+
+    def sized(self, height: float) -> Weights:
+        """The same for residuals in metres on a body so tall: a body must not be corrected otherwise for its file's unit."""
+        metric = ("contact", "across", "repulsion", "support", "swinging", "reaching", "near")
+        return replace(self, **{name: getattr(self, name) * (TALL / height) ** 2 for name in metric})
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +293,7 @@ def prepare_equations(actor: Actor, weights: Weights, threshold: float, sensors:
     order = np.argsort(-skin.weights, axis=1, kind="stable")
     return PoseEquations(
         actor,
-        weights,
+        weights.sized(actor.height),
         collider,
         levers,
         limbs,

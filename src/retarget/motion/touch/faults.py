@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from retarget.character import Motion
-from retarget.motion.touch.equations import PosedBody, PoseEquations
+from retarget.motion.touch.equations import TALL, PosedBody, PoseEquations
 from retarget.motion.touch.goals import ClipGoals, FrameGoals
 
 Array = np.ndarray
@@ -14,7 +14,6 @@ Array = np.ndarray
 DEEPER_THAN, ABOUT = 0.0015, 0.1
 """Metres, on a body of `TALL`: what is inside another part by more than this, and more than in the source, is a fault. How
 deep the source is, is known to about a tenth."""
-TALL = 1.7
 LOST, BEYOND = 1.5, 0.3
 """Thresholds: a contact whose points are farther apart is lost, or farther than it asks for by this much."""
 MEANT = 0.02

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from retarget.motion.touch.equations import Linearised, PoseEquations
+from retarget.motion.touch.equations import TALL, Linearised, PoseEquations
 from retarget.motion.touch.goals import FrameGoals
 
 Array = np.ndarray
@@ -33,14 +33,14 @@ STEADY = 0.2
 """Weight of closeness to the frame before, likewise, at 30 frames a second, where there is no look ahead."""
 FOLLOW = 0.003
 """The same between the frames that a clip is solved at first."""
-CALM = 600.0
+CALM = 2400.0
 """How many times more than that where nothing needs to be mended."""
-CURVATURE, SPEED = 3.0, 0.02
+CURVATURE, SPEED = 12.0, 0.02
 """Weights of the correction's second and first difference over a clip, likewise, at 30 frames a second."""
-SMOOTHER, DEEP = 10.0, 250
+SMOOTHER, DEEP = 2.5, 250
 """How many times more curvature weighs on a frame with `DEEP` penetrating vertices: how far limbs deep inside a trunk are
 from its skin, and in which direction, changes from frame to frame."""
-SMOOTHEST, HOPELESS = 300.0, (0.02, 0.05)
+SMOOTHEST, HOPELESS = 75.0, (0.02, 0.05)
 """Likewise where some vertex stays inside by the second share of the height, and less down to the first: what no pose can
 free should at least lie still."""
 STIFFNESS = {
@@ -183,8 +183,9 @@ def prepare_solver(equations: PoseEquations) -> Solver:
     joints = np.repeat([STIFFNESS.get(name, 1.0) for name in names], 3)
     inertia = np.repeat([INERTIA.get(name, 1.0) for name in names], 3)
     free = np.repeat([FREE[name] for name in names], 3)
+    shift = np.full(3, SHIFT_STIFFNESS * (TALL / equations.actor.height) ** 2)
     return Solver(
-        equations, np.append(joints, np.full(3, SHIFT_STIFFNESS)), np.append(inertia, np.full(3, SHIFT_STIFFNESS)),
+        equations, np.append(joints, shift), np.append(inertia, shift),
         np.append(free, np.full(3, FREE_SHIFT * equations.actor.height)),
     )  # fmt: skip
 
