@@ -26,6 +26,7 @@ from retarget.evaluate.scan_split import TRAINING, VALIDATION
 from retarget.methods.interaction.looker import Looker, Posed, nothing_turned, prepare_looker
 from retarget.methods.interaction.network import FILES, KIND, VERSION
 from retarget.methods.interaction.unknowns import SIZE
+from retarget.motion.touch.equations import TALL
 from retarget.motion.touch.mend import frames_of
 from retarget.train.export import Graph
 from retarget.train.interaction_takes import body_of, keep_takes
