@@ -88,6 +88,19 @@ def test_what_is_no_number_is_refused():
         load_field()(points, joints, turns, points)
 
 
+def test_a_body_without_points_is_refused():
+    points, joints, turns, _ = resting(BODY_SEEDS[TEST][1], "T")
+    with pytest.raises(RetargetError, match="received none"):
+        load_field()(points, joints, turns, points[:0])
+
+
+def test_large_clouds_are_thinned():
+    points, joints, turns, _ = resting(BODY_SEEDS[TEST][1], "T")
+    large, small = (sample_surface(points, human().mesh.faces, count, 3) for count in (60_000, 6_890))
+    few = points[::50]
+    assert np.abs(load_field()(few, joints, turns, large) - load_field()(few, joints, turns, small)).max() < 0.05
+
+
 def test_arrays_of_other_shapes_are_refused():
     field = load_field()
     with pytest.raises(RetargetError, match="22 x 3 joints"):

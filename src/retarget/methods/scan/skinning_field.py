@@ -31,6 +31,8 @@ VERSION = "2"
 KIND = "skinning-field"
 AT_ONCE = 4096
 """Points that go through the network together."""
+MOST = 20_000
+"""Points of the body that are weighed at most, evenly chosen."""
 SPREADS = (0.3, 0.8)
 """How far around a joint its flesh is weighed, in units of the body's size: standard deviations."""
 
@@ -51,10 +53,13 @@ class SkinningField:
     ) -> Float[Array, "points joints"]:
         """Skinning weights of points of a body at rest (metres, a T, an A, or arms down): not negative, rows sum to one.
 
-        `joints` are its 22 joints and `turns` their rotations in the world from the embedded human's rest pose (quaternions xyzw), both as the
-        regressor gives them; `cloud` is the body that they were found in, by points that are spread evenly over it, as a
-        scan's are and a mesh's vertices are not. Raises `RetargetError` where shapes do not fit or a number is not finite.
+        `joints` are its 22 joints and `turns` their rotations in the world from the embedded human's rest pose (quaternions
+        xyzw), both as the regressor gives them; `cloud` is the body that they were found in, by points that are spread evenly
+        over it, as a scan's are and a mesh's vertices are not. Raises `RetargetError` where shapes do not fit, a number is not
+        finite, or `cloud` is empty.
         """
+        if not len(cloud):
+            raise RetargetError("a skinning field needs points of the body that the joints were found in, received none")
         if points.shape[1:] != (3,) or cloud.shape[1:] != (3,) or joints.shape != (JOINTS, 3) or turns.shape != (JOINTS, 4):
             raise RetargetError(
                 f"a skinning field takes points x 3, {JOINTS} x 3 joints and {JOINTS} x 4 turns, received arrays of shapes "
@@ -99,6 +104,7 @@ def flesh(
     """Where the middle of the skin around each joint lies, in the joint's axes, and how far it is off on average; near and wide.
     Points should be spread evenly."""
     size = _size(joints)
+    points = points[:: -(-len(points) // MOST)]
     arms = (points[:, None] - joints) / size
     squares = (arms**2).sum(axis=2)
     figures = []

@@ -60,9 +60,9 @@ def solve_clip(
     together: int = TOGETHER,
 ) -> Float[Array, "frames unknowns"]:
     """Corrections of a copied clip, in `patience` times the usual number of steps at most. Frames `KEY` apart are solved one
-    after the other, beginning at `start` (else at nothing) with what the key before was moved by; the rest is moved by what lies between them.
-    Then all are solved as one problem, in `together` steps and more where frames stay deep. Frames without a fault are not looked
-    at: they stay as copied."""
+    after the other, beginning at `start` (else at nothing) with what the key before was moved by; the rest is moved by what lies
+    between them. Then all are solved as one problem, in `together` steps and more where frames stay deep. Frames without a fault
+    are not looked at: they stay as copied."""
     equations, count = solver.equations, len(copied)
     deep = STILL_DEEP * equations.actor.height
     offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
