@@ -29,12 +29,14 @@ STILL_DEEP = 0.003
 """Share of the height: how deep that is."""
 PRIOR = 0.006
 """Weight of closeness to the copied pose, times the joint's stiffness."""
-STEADY = 0.2
+STEADY = 0.3
 """Weight of closeness to the frame before, likewise, at 30 frames a second, where there is no look ahead."""
 FOLLOW = 0.003
 """The same between the frames that a clip is solved at first."""
 CALM = 2400.0
-"""How many times more than that where nothing needs to be mended."""
+"""How many times more than that where nothing needs to be mended, over a clip,"""
+FADED = 600.0
+"""and online, where a correction that is no longer needed must fade without a look ahead."""
 CURVATURE, SPEED = 12.0, 0.02
 """Weights of the correction's second and first difference over a clip, likewise, at 30 frames a second."""
 SMOOTHER, DEEP = 2.5, 250
@@ -101,7 +103,7 @@ class Solver:
     ) -> Float[Array, "unknowns"]:
         """The correction of one frame that starts at, and stays near, that of the frame before. Where there is less `need`
         (1 to 0) the copied pose holds more; where there is none the pose returns to it, and nothing is looked at."""
-        x, prior = before.copy(), PRIOR * (self.stiffness + CALM * (1.0 - need) * self.inertia)
+        x, prior = before.copy(), PRIOR * (self.stiffness + FADED * (1.0 - need) * self.inertia)
         if need == 0.0:
             return x * (steady * self.inertia / (steady * self.inertia + prior))
         for _ in range(rounds):
