@@ -40,8 +40,10 @@ LONGEST, STRIDE = 8.0, 5
 """Seconds that are taken of a clip, and of how many frames one: neighbours have little to teach."""
 SHORTEST = 15
 """Frames of a clip at least."""
-REACHING, BENDING = 0.5, 0.25
+REACHING, BENDING = 0.5, 0.3
 """Shares of stretches with made-up arms, and with made-up legs and trunk."""
+CROSSED = 0.35
+"""Share of made-up legs that are crossed."""
 TRUNK = (1, 2, 3)
 """Spine, chest, upper chest."""
 FEET = (12, 13, 20, 21)
@@ -125,7 +127,7 @@ def _bending(motion: Motion, draw: np.random.Generator) -> Motion:
 
 
 def _bent(count: int, draw: np.random.Generator) -> Float[Array, "count joints 4"]:
-    """Spines and legs: both legs alike or not, from straight to a deep crouch, knees apart or crossing, the trunk mostly with them."""
+    """Spines and legs: both legs alike or not, from straight to a deep crouch, apart or crossed, the trunk mostly with them."""
     vectors = np.zeros((count, len(TRUNK) + len(LEGS), 3))
     alike = draw.random(count) < 0.6
     depth = draw.beta(0.9, 1.1, (count, 2))
@@ -133,7 +135,7 @@ def _bent(count: int, draw: np.random.Generator) -> Float[Array, "count joints 4
     bow = draw.normal(0.25, 0.35, count) + 0.35 * depth.max(axis=1)
     vectors[:, : len(TRUNK), 0] = bow[:, None] / len(TRUNK)
     vectors[:, : len(TRUNK), 1:] = draw.normal(size=(count, 1, 2)) * np.radians([9.0, 6.0])
-    apart = np.radians(draw.normal(10.0, 14.0, count))
+    apart = np.radians(np.where(draw.random(count) < CROSSED, draw.normal(-9.0, 6.0, count), draw.normal(10.0, 14.0, count)))
     for place, side in enumerate((1.0, -1.0)):
         thigh, shin, foot, _ = range(len(TRUNK) + 4 * place, len(TRUNK) + 4 * place + 4)
         lift = np.radians(115.0) * depth[:, place] + np.radians(draw.normal(0.0, 8.0, count))
