@@ -149,7 +149,7 @@ def test_missing_frames_are_bridged_and_told():
     assert result.stats["bridged_frames"] == [3, len(surface) - 1]
     assert np.isfinite(result.surface.vertices).all() and np.isfinite(result.motion.rotations).all()
     away = np.linalg.norm(result.surface.vertices - moved("child").surface.vertices, axis=-1)
-    assert away.max() < 0.01
+    assert away.max() < 0.015
     with pytest.raises(RetargetError, match="none of the surface's"):
         fresh("child")(hands_on_hips(), np.full_like(surface, np.nan))
 

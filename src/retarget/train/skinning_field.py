@@ -32,7 +32,7 @@ Array = np.ndarray
 INPUTS, WIDTH = 6 * JOINTS + 4 * JOINTS * len(SPREADS), 256
 POINTS = 128
 """Of every body in a batch."""
-RESTS = 10
+RESTS = 14
 """Rest poses of every training body."""
 SEEN = 6000
 """Points of a cloud that the regressor sees."""
@@ -42,7 +42,7 @@ CLOTH = 0.025
 """How far the points of half of the bodies stand off the skin, at most (metres)."""
 STANCES = {"T": (48.0,), "A": (0.0, 20.0), "arms down": (-34.0, -38.0)}
 """Rest poses that are judged, by how far arms are lifted."""
-SETTINGS = Settings(steps=9000, batch=24, rate=2e-3, warm=200, every=250, checks=1000)
+SETTINGS = Settings(steps=12_000, batch=24, rate=2e-3, warm=200, every=250, checks=1000)
 
 
 class FieldNetwork(nn.Module):

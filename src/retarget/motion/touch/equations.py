@@ -93,6 +93,10 @@ class Linearised:
     deepest: float
     """How far the deepest of them is inside, beyond what it may, metres."""
 
+    def times(self, factor: float) -> Linearised:
+        """The same, weighing more against all that is not of this pose alone."""
+        return replace(self, matrix=factor * self.matrix, right=factor * self.right)
+
 
 @dataclass(frozen=True, eq=False)
 class PoseEquations:

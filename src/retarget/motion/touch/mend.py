@@ -17,6 +17,7 @@ from retarget.motion.touch.goals import ClipGoals, FrameGoals
 from retarget.motion.touch.solve import (
     COLD,
     FOLLOW,
+    INSISTENT,
     MOST_TOGETHER,
     ROUNDS,
     STAYED,
@@ -80,6 +81,8 @@ def solve_clip(
             break
         for f in looked_at:
             found[f] = equations.linearise(copied.rotations[f], offsets[f], wanted[f], x[f])
+            if turn >= patience * together:
+                found[f] = found[f].times(INSISTENT)
         x = solver.together(x, found, fps, need)
     return x
 

@@ -27,6 +27,8 @@ TOGETHER, MOST_TOGETHER = 3, 5
 """Gauss-Newton steps of a whole clip, and how many there are at most for frames that are still deep inside themselves."""
 STILL_DEEP = 0.003
 """Share of the height: how deep that is."""
+INSISTENT = 4.0
+"""How many times more than smoothness and closeness to the copied pose such frames weigh then than before."""
 PRIOR = 0.006
 """Weight of closeness to the copied pose, times the joint's stiffness."""
 STEADY = 0.3
