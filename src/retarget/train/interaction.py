@@ -24,6 +24,7 @@ from retarget.body.kinematics import world_pose
 from retarget.character import Motion
 from retarget.evaluate.scan_split import TRAINING, VALIDATION
 from retarget.methods.interaction.looker import Looker, Posed, nothing_turned, prepare_looker
+from retarget.methods.interaction.mirrored import mirror_of_features, mirror_of_turned
 from retarget.methods.interaction.network import FILES, KIND, VERSION
 from retarget.methods.interaction.unknowns import SIZE
 from retarget.motion.touch.equations import TALL
@@ -31,7 +32,6 @@ from retarget.motion.touch.mend import frames_of
 from retarget.train.export import Graph
 from retarget.train.interaction_takes import body_of, keep_takes
 from retarget.train.loop import Recipe, Settings
-from retarget.train.mirrored import mirror_of_features, mirror_of_turned
 from retarget.train.poses import FPS
 
 Array = np.ndarray
@@ -159,10 +159,16 @@ def later_frames(takes: list[TakeFrames], first: Frames, network: nn.Module, see
     return Frames(np.concatenate(features), turned.astype(np.float32), first.wanted, first.matters)
 
 
-@torch.no_grad()
 def _said(network: nn.Module, features: Array) -> Array:
     chunks = [features[start : start + 4096].astype(np.float32) for start in range(0, len(features), 4096)]
-    return np.concatenate([network(torch.from_numpy(chunk)).numpy() for chunk in chunks])
+    return np.concatenate([_evened(network, chunk) for chunk in chunks])
+
+
+@torch.no_grad()
+def _evened(network: nn.Module, features: Float[Array, "frames features"]) -> Float[Array, "frames SIZE"]:
+    """What the network says in use: of the frames and of their mirror images."""
+    own, other = (network(torch.from_numpy(each)).numpy() for each in (features, mirror_of_features()(features)))
+    return 0.5 * (own + mirror_of_turned()(other))
 
 
 class LookRecipe(Recipe):
@@ -190,13 +196,12 @@ class LookRecipe(Recipe):
         energy = _energy(turned + network(features).float() - wanted, matters)
         return {"energy": 2.0 * ((1.0 + energy / ENERGY).sqrt() - 1.0).mean(), "energy_seen": energy.mean()}
 
-    @torch.no_grad()
     def check(self, network: nn.Module) -> dict[str, float]:
         """The share of the copied pose's miss that is left on the validation set."""
         left, before, turns = [], [], []
         for start in range(0, len(self.judged.wanted), 2048):
             features, turned, wanted, matters = _chosen(self.judged, np.arange(start, min(start + 2048, len(self.judged.wanted))))
-            miss = turned + network(features) - wanted
+            miss = turned + torch.from_numpy(_evened(network, features.numpy())) - wanted
             left.append(_energy(miss, matters))
             before.append(_energy(wanted, matters))
             turns.append(miss.square().sum(dim=1))

@@ -40,6 +40,7 @@ class LearnedInteraction(CopySettings, Method):
 
     laws: ClassVar[frozenset[str]] = frozenset(
         {
+            "mirrored in, mirrored out",
             "turning the world turns the result",
             "scaling both bodies scales the path",
             "equal results for equal input",
@@ -47,7 +48,7 @@ class LearnedInteraction(CopySettings, Method):
         }
     )
     """What it sees depends on neither place, facing nor size. It keeps no other law exactly: the same body gets corrections of a
-    fraction of a degree, sides are learnt each for itself, clips are smoothed and single poses are not."""
+    fraction of a degree, clips are smoothed and single poses are not."""
 
     weights: Path | None = None
     """Folder of other weights than the package's."""

@@ -2,8 +2,8 @@
 
 The paper's network reads the dense field of every sensor through PointNets and a transformer and says all rotations anew, learning from the
 field's agreement alone. Ours starts from the copied pose, looks at the field summed up by pairs of parts (`contact/part_field.py`), says how
-joints should turn, and looks again at what that has made, three times; and it has learnt from the solver. No frame sees
-another, but clips are smoothed a little afterwards. `train/interaction.py` is its recipe, `docs/models/interaction.md` its card.
+joints should turn, and looks again at what that has made, three times, each time in the mirror too; and it has learnt from the
+solver. No frame sees another, but clips are smoothed a little afterwards. `train/interaction.py` is its recipe, `docs/models/interaction.md` its card.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from retarget.character import Motion
 from retarget.contact.skin_levers import TURNING
 from retarget.io.onnx_network import open_network
 from retarget.methods.interaction.looker import Looker, Posed, nothing_turned
+from retarget.methods.interaction.mirrored import mirror_of_features, mirror_of_turned
 from retarget.motion.touch.mend import frames_of
 from retarget.motion.touch.solve import FREE, FREE_SHIFT
 
@@ -54,8 +55,14 @@ class InteractionNetwork:
         world, turned = world_pose(copied)[0], nothing_turned(len(copied))
         for number in ORDER:
             features = looker.features(source, copied, world, turned)
-            turned = bounded(turned + self.looks[number].run(None, {"features": features})[0])
+            turned = bounded(turned + self._change(number, features))
         return turned
+
+    def _change(self, number: int, features: Float[Array, "frames features"]) -> Float[Array, "frames SIZE"]:
+        """What a look says of poses, evened with what it says of their mirror images: it errs less, and sides are treated alike."""
+        mirrored = np.concatenate([features, mirror_of_features()(features)])
+        own, other = np.split(self.looks[number].run(None, {"features": mirrored})[0], 2)
+        return 0.5 * (own + mirror_of_turned()(other))
 
 
 def bounded(turned: Float[Array, "frames SIZE"]) -> Float[Array, "frames SIZE"]:

@@ -5,11 +5,11 @@ from made_motions import actor, mirrored
 
 from retarget.body.kinematics import world_pose
 from retarget.methods.interaction.looker import prepare_looker
+from retarget.methods.interaction.mirrored import mirror_of_features, mirror_of_turned
 from retarget.methods.interaction.unknowns import SIZE
 from retarget.motion.library import embedded_motion
 from retarget.motion.touch.mend import frames_of
 from retarget.retargeting import prepare
-from retarget.train.mirrored import mirror_of_features, mirror_of_turned
 
 
 def test_seen_in_a_mirror():
