@@ -62,8 +62,8 @@ def solve_clip(
 ) -> Float[Array, "frames unknowns"]:
     """Corrections of a copied clip, in `patience` times the usual number of steps at most. Frames `KEY` apart are solved one
     after the other, beginning at `start` (else at nothing) with what the key before was moved by; the rest is moved by what lies
-    between them. Then all are solved as one problem, in `together` steps and more where frames stay deep. Frames without a fault
-    are not looked at: they stay as copied."""
+    between them. Then all are solved as one problem, in `together` steps and more where frames stay deep; beyond the usual
+    number of steps such frames insist. Frames without a fault are not looked at: they stay as copied."""
     equations, count = solver.equations, len(copied)
     deep = STILL_DEEP * equations.actor.height
     offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
@@ -81,7 +81,7 @@ def solve_clip(
             break
         for f in looked_at:
             found[f] = equations.linearise(copied.rotations[f], offsets[f], wanted[f], x[f])
-            if turn >= patience * together:
+            if turn >= patience * TOGETHER:
                 found[f] = found[f].times(INSISTENT)
         x = solver.together(x, found, fps, need)
     return x
