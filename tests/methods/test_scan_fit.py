@@ -9,7 +9,7 @@ import retarget.methods.scan.fit_kernels as kernels
 from retarget.body import rotations as rot
 from retarget.body.human import human
 from retarget.methods.scan.cloud import MOST, binned, pieces, thinned, without_floor
-from retarget.methods.scan.fit import Expected, Posed, fit_cloud
+from retarget.methods.scan.fit import Expected, Posed, _rigid, fit_cloud, turn_matrices
 from retarget.methods.scan.scan_body import BODY, scan_body
 from retarget.methods.scan.usual import usual_precision
 from retarget.rig.fit_model import BodyState, FitModel, moved_state, pose_body
@@ -148,3 +148,20 @@ def test_what_is_not_shown_pulls_nothing():
     assert np.linalg.norm(joints - posed.joints, axis=1).max() < 0.006
     behind = posed.normals[: len(fit.shown), 2] < -0.9
     assert fit.shown[~behind].mean() > 0.7 and fit.shown[behind].mean() < 0.02
+
+
+def test_turns_stay_rotations_through_hundreds_of_frames():
+    """As frames follow each other a chain's turns are made relative to the joint above (its transpose) and put together again."""
+    draw = np.random.default_rng(0)
+    turns = turn_matrices(draw.normal(size=(8, 3)))
+    torn = turns.copy()
+    for _ in range(300):
+        step = turn_matrices(0.02 * draw.normal(size=(8, 3)))
+        for each, kept in ((turns, _rigid), (torn, lambda every: every)):
+            relative = np.concatenate([each[:1], np.matmul(each[:-1].transpose(0, 2, 1), each[1:])])
+            for joint in range(1, 8):
+                relative[joint] = each[joint - 1] @ relative[joint]
+            each[:] = kept(np.matmul(step, relative))
+    off = [np.abs(np.matmul(each.transpose(0, 2, 1), each) - np.eye(3)).max() for each in (turns, torn)]
+    assert off[0] < 1e-12
+    assert not off[1] < 1e-6  # what happens without
