@@ -9,20 +9,17 @@ import pytest
 from retarget.body import rotations as rot
 from retarget.body.human import PRESETS, human
 from retarget.body.kinematics import still_motion
+from retarget.contact import field_losses as losses
 from retarget.contact import interaction_field as module
+from retarget.contact.field_losses import cosine_loss, distance_matrix_loss, distance_shares, field_losses, vector_loss
 from retarget.contact.interaction_field import (
     GROUPS,
     PARTS,
-    cosine_loss,
-    distance_matrix_loss,
-    distance_shares,
-    field_losses,
     interaction_field,
     nearest_and_farthest,
     part_radii,
     prepare_field,
     semantic_coordinates,
-    vector_loss,
 )
 from retarget.contact.sensor_bones import BONES
 from retarget.contact.sensors import Layout, paper_layout, place_sensors, pose_sensors
@@ -341,8 +338,8 @@ def test_pieces_change_nothing_and_bound_the_memory(monkeypatch):
     assert np.array_equal(long.targets[-60:], chosen.targets) and np.array_equal(field[-60:], here)
     assert np.isclose(again["cosine"], whole["cosine"]) and np.isclose(again["by_height"], whole["by_height"])
 
-    for name in ("DISTANCES", "ENTRIES", "HELD"):
-        monkeypatch.setattr(module, name, 50)
+    for own, name in ((module, "DISTANCES"), (module, "ENTRIES"), (losses, "HELD")):
+        monkeypatch.setattr(own, name, 50)
     small, tiny, _ = fields(plan, *one)
     assert np.array_equal(small.targets, chosen.targets) and np.array_equal(small.both, chosen.both)
     assert np.array_equal(tiny, here) and np.isclose(field_losses(plan, *one)["cosine"], whole["cosine"])

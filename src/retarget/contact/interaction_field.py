@@ -8,7 +8,7 @@ observer and every part of the body that it looks at, the nearest and the farthe
     >>> selection = plan.select(source_places)
     >>> here = interaction_field(source_places, source_frames, selection.observers, selection.targets, selection.source)
     >>> there = interaction_field(target_places, target_frames, selection.observers, selection.targets, selection.both)
-    >>> loss = cosine_loss(here, there, selection.both)
+    >>> loss = cosine_loss(here, there, selection.both)  # `field_losses` has it
 
 A *row* is one observer looking at one part. Rows are ordered by group, part, observer, so that each group, part and
 group x part is a slice. What the paper leaves open, and our choices:
@@ -57,8 +57,6 @@ DISTANCES = 100_000
 """Squared distances looked at in one go while targets are chosen: stays in the cache."""
 ENTRIES = 40_000
 """Entries computed in one go: stays in the cache."""
-HELD = 500_000
-"""Entries held at a time when whole clips are compared: bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,19 +119,19 @@ class FieldPlan:
 
         Raises `RetargetError` for positions of another number of sensors and for positions that are not finite.
         """
-        _require_positions(source_positions, len(self.layout))
+        require_positions(source_positions, len(self.layout))
         frames = len(source_positions)
         targets = np.empty((frames, *self.exists.shape), dtype=np.int32)
         both = np.empty(targets.shape, dtype=bool)
         share = self.valid[0] / max(1, np.count_nonzero(self.valid[0]))
         largest = max(len(block.observers) * len(block.candidates) for block in self.blocks)
-        for now in _stretches(frames, DISTANCES // max(1, largest)):
+        for now in stretches(frames, DISTANCES // max(1, largest)):
             # |p|² - 2 p . q + |q|² as one product; about the body's middle and in double precision, so that it costs no
             # digits wherever the body is.
             places = source_positions[now] - (share @ source_positions[now])[:, None]
             lines = np.ones((2, *places.shape[:2], 5))
             lines[0, ..., :3], lines[1, ..., :3] = places, -2.0 * places
-            lines[0, ..., 3] = lines[1, ..., 4] = _dot(places, places)
+            lines[0, ..., 3] = lines[1, ..., 4] = dot(places, places)
             for block in self.blocks:
                 self._select(block, lines, targets[now, block.rows], both[now, block.rows])
         both &= self.exists & self.valid[1][self.observers, None]
@@ -144,7 +142,7 @@ class FieldPlan:
         """Fill in the targets of a block, and whether they are valid on the target."""
         near, far = _shares(block, self.nearest, self.farthest)
         seen = lines[1][:, block.candidates].transpose(0, 2, 1)
-        for rows in _stretches(len(block.observers), DISTANCES // max(1, len(block.candidates))):
+        for rows in stretches(len(block.observers), DISTANCES // max(1, len(block.candidates))):
             squared = lines[0][:, block.observers[rows]] @ seen
             chosen = np.take(block.candidates, nearest_and_farthest(squared, near, far))
             targets[:, rows, : near + far] = chosen
@@ -284,7 +282,7 @@ def interaction_field(
     """
     count, sensors, _ = positions.shape
     field = np.empty((*targets.shape, 3), dtype=np.result_type(positions, frames))
-    for part in _stretches(count, ENTRIES // max(1, int(np.prod(targets.shape[1:])))):
+    for part in stretches(count, ENTRIES // max(1, int(np.prod(targets.shape[1:])))):
         now = positions[part]
         seen = np.where(mask[part], targets[part], observers[:, None])  # a masked entry looks at itself: zero
         seen = seen + sensors * np.arange(len(now))[:, None, None]
@@ -308,104 +306,19 @@ def semantic_coordinates(
     return tuple(np.take(values, pairs) for values in (layout.bones, layout.along, layout.around))
 
 
-def cosines(a: Float[Array, "*pairs 3"], b: Float[Array, "*pairs 3"]) -> Float[Array, "*pairs"]:
-    """Cosine of the angle between vectors; 0 where one of them is zero."""
-    lengths = np.sqrt(_dot(a, a)) * np.sqrt(_dot(b, b))
-    return np.divide(_dot(a, b), lengths, out=np.zeros_like(lengths), where=lengths > 0)
-
-
-def _dot(a: Float[Array, "*pairs 3"], b: Float[Array, "*pairs 3"]) -> Float[Array, "*pairs"]:
-    """Written out: several times faster than einsum and sum along an axis of three."""
+def dot(a: Float[Array, "*pairs 3"], b: Float[Array, "*pairs 3"]) -> Float[Array, "*pairs"]:
+    """Inner products of vectors, written out: several times faster than einsum and sum along an axis of three."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
-def cosine_loss(
-    source_field: Float[Array, "frames rows targets 3"],
-    target_field: Float[Array, "frames rows targets 3"],
-    mask: Bool[Array, "frames rows targets"],
-) -> float:
-    """-(1/T) sum of cos(d_A, d_B) over the entries of the mask (Ye 2024, the DMI loss): a sum over pairs, a mean
-    over frames; blind to length. 0 for no frame."""
-    total = np.sum(cosines(source_field, target_field), where=mask, dtype=np.float64)
-    return float(-total / max(1, len(mask)))
-
-
-def vector_loss(
-    source_field: Float[Array, "frames rows targets 3"],
-    target_field: Float[Array, "frames rows targets 3"],
-    mask: Bool[Array, "frames rows targets"],
-    source_size: Float[Array, "rows"] | float,
-    target_size: Float[Array, "rows"] | float,
-) -> float:
-    """(1/T) sum of |d_A / s_A - d_B / s_B|² over the entries of the mask: ours, which sees lengths too.
-
-    Sizes are metres: limb radii (`FieldPlan.radii`, one a row) or body heights. 0 for no frame.
-    """
-    gap, other = (
-        field * (1.0 / np.asarray(size, dtype=field.dtype))[..., None, None]
-        for field, size in ((source_field, source_size), (target_field, target_size))
-    )
-    gap -= other
-    return float(np.sum(_dot(gap, gap), where=mask, dtype=np.float64) / max(1, len(mask)))
-
-
-def distance_shares(points: Float[Array, "frames points 3"]) -> Float[Array, "frames points points"]:
-    """Distances between all points, each row divided by its sum (R2ET's normalised distance matrix); rows of zeros stay."""
-    away = points[:, :, None] - points[:, None]
-    distances = np.sqrt(_dot(away, away))
-    total = distances.sum(axis=-1, keepdims=True)
-    return np.divide(distances, total, out=np.zeros_like(distances), where=total > 0)
-
-
-def distance_matrix_loss(
-    source_points: Float[Array, "frames points 3"], target_points: Float[Array, "frames points 3"]
-) -> float:
-    """R2ET's semantic loss (Zhang 2023): squared difference of the two bodies' `distance_shares`, summed over the matrix,
-    mean over frames. R2ET takes joints and divides by height first, which the division of each row by its sum undoes.
-    """
-    total = 0.0
-    for now in _stretches(len(source_points), HELD // max(1, source_points.shape[1] ** 2)):
-        gap = distance_shares(source_points[now]) - distance_shares(target_points[now])
-        total += float(np.sum(gap**2, dtype=np.float64))
-    return total / max(1, len(source_points))
-
-
-# --- whole clips ----------------------------------------------------------------------------------------------------
-
-
-def field_losses(
-    plan: FieldPlan,
-    source: tuple[Float[Array, "frames sensors 3"], Float[Array, "frames sensors 3 3"]],
-    target: tuple[Float[Array, "other_frames others 3"], Float[Array, "other_frames others 3 3"]],
-) -> dict[str, float]:
-    """Compare two clips (positions and frames of a `SensorSkinner`) without ever holding their whole fields: 'cosine'
-    (`cosine_loss`), 'by_radius' and 'by_height' (`vector_loss` in limb radii and body heights), and 'pairs', how many
-    are compared a frame: the least that 'cosine' can be is minus that.
-
-    Raises `RetargetError` for clips of different lengths and as `FieldPlan.select` does.
-    """
-    _require_positions(target[0], len(plan.layout))
-    if len(source[0]) != len(target[0]):
-        raise RetargetError(f"clips are compared frame by frame; received {len(source[0])} and {len(target[0])} frames")
-    sums = {"cosine": 0.0, "by_radius": 0.0, "by_height": 0.0, "pairs": 0.0}
-    for now in _stretches(len(source[0]), HELD // max(1, plan.exists.size)):
-        chosen = plan.select(source[0][now])
-        here = interaction_field(source[0][now], source[1][now], chosen.observers, chosen.targets, chosen.source)
-        there = interaction_field(target[0][now], target[1][now], chosen.observers, chosen.targets, chosen.both)
-        count = len(chosen.both)
-        sums["cosine"] += count * cosine_loss(here, there, chosen.both)
-        sums["by_radius"] += count * vector_loss(here, there, chosen.both, *plan.radii)
-        sums["by_height"] += count * vector_loss(here, there, chosen.both, *plan.heights)
-        sums["pairs"] += int(np.count_nonzero(chosen.both))
-    return {name: total / max(1, len(source[0])) for name, total in sums.items()}
-
-
-def _stretches(frames: int, step: int) -> list[slice]:
+def stretches(frames: int, step: int) -> list[slice]:
+    """Frames, `step` at a time."""
     step = max(1, step)
     return [slice(start, start + step) for start in range(0, frames, step)]
 
 
-def _require_positions(positions: Array, sensors: int) -> None:
+def require_positions(positions: Array, sensors: int) -> None:
+    """Raise `RetargetError` for places of another number of sensors, and for some that are not finite."""
     if positions.shape[1] != sensors:
         raise RetargetError(f"the field has {sensors} sensors; received positions of {positions.shape[1]}")
     if not np.isfinite(positions).all():

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from retarget.body.kinematics import world_pose
-from retarget.contact.interaction_field import field_losses, prepare_field
+from retarget.contact.field_losses import field_losses
+from retarget.contact.interaction_field import prepare_field
 from retarget.contact.sensors import place_sensors, prepare_sensor_skinning
 from retarget.errors import FileError
 from retarget.evaluate.benches.contact import by_split

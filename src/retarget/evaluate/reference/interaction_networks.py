@@ -215,7 +215,7 @@ def field_of(
 
 
 def distance_shares(places: Float[Tensor, "clips frames joints 3"]) -> Float[Tensor, "clips frames joints joints"]:
-    """Distances between all joints, each row divided by its sum (R2ET's, as `contact.interaction_field.distance_shares`)."""
+    """Distances between all joints, each row divided by its sum (R2ET's, as `contact.field_losses.distance_shares`)."""
     away = (places[:, :, :, None] - places[:, :, None] + 1e-9).norm(dim=-1)
     return away / away.sum(dim=-1, keepdim=True)
 
