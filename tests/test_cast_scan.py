@@ -14,6 +14,7 @@ from retarget.character import PointMotion
 from retarget.io.asset import Convention
 from retarget.live import LiveRetargeter
 from retarget.methods.scan import evidence
+from retarget.methods.scan.starts import own_regressor
 from retarget.motion.library import embedded_motion, performer
 from retarget.performing import cast_scan
 
@@ -135,10 +136,19 @@ def test_a_live_space_that_is_none_is_refused(wrong):
         LiveRetargeter(cast(human()), regressor=Never(), **wrong)
 
 
+@pytest.mark.parametrize("up, matrix", [("+z", [[1, 0, 0], [0, 0, -1], [0, 1, 0]]), ("-y", [[1, 0, 0], [0, -1, 0], [0, 0, -1]])])
+def test_who_is_found_lying_does_not_say_which_way_is_up(walk, up, matrix):
+    """The program's own regressor has learnt from people who fell."""
+    turned = walk.clouds.clouds[0] @ np.array(matrix, np.float32).T
+    seen = evidence.look_at([turned], own_regressor(), None, 1.0)
+    assert seen.notes == (f"up axis {up}: the body stands that way",)
+    assert np.abs(seen.space.points(turned)[:, 1] - walk.clouds.clouds[0][:, 1]).max() < 1e-6
+
+
 @pytest.mark.parametrize("head_down, chosen", [(0.025, "+y"), (0.015, "-y")])
 def test_a_body_is_head_down_only_where_that_fits_far_better(monkeypatch, head_down, chosen):
     """It is found upside down nearly as well as on its feet; .03 stands for noise beyond what ends the search at +y."""
     misfits = {"+y": 0.03, "+z": 0.04, "-y": head_down, "-z": 0.04}
-    monkeypatch.setattr(evidence, "_fits", lambda frames, axis, unit, regressor: misfits[axis])
+    monkeypatch.setattr(evidence, "_fits", lambda frames, axis, unit, regressor: evidence.Try(misfits[axis], misfits[axis]))
     seen = evidence.look_at([np.random.default_rng(0).uniform(0, 1.7, (2000, 3))], None, None, 1.0)
     assert [note for note in seen.notes if note.startswith("up axis")] == ([] if chosen == "+y" else [f"up axis {chosen}: the body stands that way"])

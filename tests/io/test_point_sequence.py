@@ -155,7 +155,8 @@ def test_folders_that_are_too_much_or_nothing(tmp_path, monkeypatch):
         load(tmp_path / "capture")
     (tmp_path / "none").mkdir()
     np.savez(tmp_path / "none" / "motion.npz", poses=np.zeros((2, 66)))
-    with pytest.raises(FileError, match=r"the folder holds no frames \(.obj, .ply, .pcd, .npz\)"):
+    (tmp_path / "none" / "cut_off.npz").write_bytes(b"PK")
+    with pytest.raises(FileError, match=r"no frames \(.obj, .ply, .pcd, .npz\); none of its 2 archives can be read as a frame"):
         load(tmp_path / "none")
 
 

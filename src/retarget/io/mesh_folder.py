@@ -32,7 +32,9 @@ def load(path: str | Path) -> Asset:
     path = Path(path)
     files = sorted(point_folder.frame_files(path), key=lambda file: natural(file.name))
     if not files:
-        raise FileError(path, f"the folder holds no frames ({', '.join(FRAMES)})")
+        archives = len(point_folder.possible_frames(path))
+        why = f"; none of its {archives} archives can be read as a frame" if archives else ""
+        raise FileError(path, f"the folder holds no frames ({', '.join(FRAMES)}){why}")
     first, faults, places = None, {}, np.zeros(0)
     for number, file in enumerate(files):
         try:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
 from retarget.body import rotations as rot
+from retarget.body.human import human_model
 from retarget.errors import RetargetError
 from retarget.methods.scan.cloud import pieces
+from retarget.methods.scan.recover import joints_of
+from retarget.methods.scan.scan_body import scan_body
 from retarget.methods.scan.starts import Regressor, misfit
 from retarget.methods.scan.tracker import ENOUGH, FEWEST, Tracker, ready
 from retarget.motion.align import AXES, Similarity, infer_unit
+from retarget.rig.fit_model import BodyState
 
 Array = np.ndarray
 
@@ -22,9 +26,12 @@ LOOKED_AT = 3
 UPRIGHT = ("+y", "+z", "-y", "-z")
 """Up axes that are tried where nobody says, the likeliest first."""
 SURELY = 0.02
-"""Metres of misfit at which no other axis is tried."""
+"""Metres of misfit at which no other axis is tried for a body that stands."""
 FAR_BETTER = 1.5
-"""How many times better than the likeliest axis another must be: a body is found head down nearly as well as on its feet."""
+"""How many times better than the likeliest axis another must be: a body is found head down nearly as well as on its feet. One that
+lies must be better by the square."""
+STANDING = 0.7
+"""Cosine between up and the line from the feet to the trunk and head from which on a body stands, sits or crouches."""
 SECOND_POINTS, SECOND_TALL = 0.35, 0.5
 """A further piece with so large a share of the first one's points and height is a person of its own."""
 
@@ -63,13 +70,13 @@ def look_at(
     tried = {axis: _fits(frames, axis, unit, regressor) for axis in ((up,) if up is not None else ())}
     for axis in UPRIGHT if up is None else ():
         tried[axis] = _fits(frames, axis, unit, regressor)
-        if tried[axis] < SURELY:
+        if tried[axis].standing < SURELY:
             break
-    best = min(tried, key=lambda axis: tried[axis] * (1.0 if axis == next(iter(tried)) else FAR_BETTER))
-    if tried[best] > ENOUGH:
+    best = _likeliest(tried)
+    if tried[best].misfit > ENOUGH:
         raise RetargetError(
             f"nothing like a human body is seen in the {len(frames)} frames that were looked at: the best try is off by "
-            f"{tried[best] * 100:.1f} cm (at most {ENOUGH * 100:.1f}); --up and --unit say how a capture lies"
+            f"{tried[best].misfit * 100:.1f} cm (at most {ENOUGH * 100:.1f}); --up and --unit say how a capture lies"
         )
     if up is None and best != "+y":
         notes.append(f"up axis {best}: the body stands that way")
@@ -86,20 +93,51 @@ def _telling(clouds: Sequence[Shaped[Array, "_ 3"]]) -> Iterator[Float[Array, "_
             yield points
 
 
-def _fits(frames: Sequence[Array], axis: str, unit: float, regressor: Regressor | None) -> float:
-    """Misfit of the frame that shows a body best when an axis is up, metres; raises where most show two bodies."""
+@dataclass(frozen=True)
+class Try:
+    """What is seen when an axis is up: misfits of the frames that show a body best, metres; infinite where none does."""
+
+    misfit: float
+    standing: float
+    """Of frames on which it stands: a body that lies is found as well, and does not say which way is up."""
+
+
+def _likeliest(tried: Mapping[str, Try]) -> str:
+    """The axis along which a body stands well: the first one tried, unless another is far better."""
+    first = next(iter(tried))
+
+    def miss(axis: str) -> float:
+        seen = tried[axis]
+        return min(seen.standing, FAR_BETTER**2 * seen.misfit) * (1.0 if axis == first else FAR_BETTER)
+
+    return min(tried, key=miss)
+
+
+def _fits(frames: Sequence[Array], axis: str, unit: float, regressor: Regressor | None) -> Try:
+    """What the frames show when an axis is up; raises where most show two bodies."""
     space = Similarity(rot.swing_between(AXES[axis], AXES["+y"]), unit)
-    misfits, doubles = [], 0
+    misfits, standing, doubles = [], [], 0
     for frame in frames:
         points = ready(space.points(frame))
         if len(points) < FEWEST:
             continue
         doubles += _two_bodies(points)
         fit = Tracker(regressor).found(points)
-        misfits.append(np.inf if fit is None else misfit(fit))
+        if fit is not None:
+            misfits.append(misfit(fit))
+            standing += misfits[-1:] if _stands(fit.state) else []
     if doubles > len(frames) / 2:
         raise RetargetError("two bodies are seen in the capture; cut it to the one whose motion is wanted")
-    return float(min(misfits, default=np.inf))
+    return Try(*(float(min(each, default=np.inf)) for each in (misfits, standing)))
+
+
+def _stands(state: BodyState) -> bool:
+    """Whether a body has its trunk and head above its feet."""
+    body = scan_body()
+    joints = joints_of(body, body.shaped(state.shape), state)
+    hips, head, *feet = (joints[human_model().joint_names.index(name)] for name in ("hips", "head", "leftFoot", "rightFoot"))
+    up = 0.5 * (hips + head) - np.mean(feet, axis=0)
+    return bool(up[1] > STANDING * np.linalg.norm(up))
 
 
 def _two_bodies(points: Float[Array, "points 3"]) -> bool:

@@ -21,7 +21,16 @@ from retarget.methods.scan.fit import (
     world_turns,
 )
 from retarget.methods.scan.hanging import Cloth, skin_only
-from retarget.methods.scan.recover import LEGS, POOR, alike, limbs_shown, seen_elsewhere, sought_elsewhere, straightened
+from retarget.methods.scan.recover import (
+    LEGS,
+    POOR,
+    alike,
+    joints_of,
+    limbs_shown,
+    seen_elsewhere,
+    sought_elsewhere,
+    straightened,
+)
 from retarget.methods.scan.scan_body import BODY, ScanBody, ShapedBody, scan_body
 from retarget.methods.scan.starts import Regressor, Start, best_fit, guessed_starts, misfit, stances
 from retarget.methods.scan.usual import steadiness, usual_precision
@@ -315,10 +324,7 @@ def told_by(body: ScanBody, foretold: Expected, guess: Start) -> Expected:
 
 def around(cloud: Float[Array, "points 3"], memory: Memory) -> Array:
     """Which points lie in the box around where the body was."""
-    import retarget.methods.scan.fit_kernels as kernels
-
-    body, joints = scan_body(), np.empty_like(memory.shaped.joints)
-    kernels.place_joints(body.parents, memory.shaped.joints, memory.state.turns, memory.state.root, joints, np.empty_like(joints))
+    joints = joints_of(scan_body(), memory.shaped, memory.state)
     low, high = joints.min(axis=0) - OUTLYING, joints.max(axis=0) + OUTLYING
     return ((cloud >= low) & (cloud <= high)).all(axis=1)
 
