@@ -145,9 +145,9 @@ def test_who_is_found_lying_does_not_say_which_way_is_up(walk, up, matrix):
     assert np.abs(seen.space.points(turned)[:, 1] - walk.clouds.clouds[0][:, 1]).max() < 1e-6
 
 
-@pytest.mark.parametrize("head_down, chosen", [(0.025, "+y"), (0.015, "-y")])
-def test_a_body_is_head_down_only_where_that_fits_far_better(monkeypatch, head_down, chosen):
-    """It is found upside down nearly as well as on its feet; .03 stands for noise beyond what ends the search at +y."""
+@pytest.mark.parametrize("head_down, chosen", [(0.027, "+y"), (0.022, "-y")])
+def test_a_body_is_head_down_only_where_that_fits_better(monkeypatch, head_down, chosen):
+    """It is found upside down somewhat less well than on its feet; .03 stands for noise beyond what ends the search at +y."""
     misfits = {"+y": 0.03, "+z": 0.04, "-y": head_down, "-z": 0.04}
     monkeypatch.setattr(evidence, "_fits", lambda frames, axis, unit, regressor: evidence.Try(misfits[axis], misfits[axis]))
     seen = evidence.look_at([np.random.default_rng(0).uniform(0, 1.7, (2000, 3))], None, None, 1.0)

@@ -27,9 +27,9 @@ UPRIGHT = ("+y", "+z", "-y", "-z")
 """Up axes that are tried where nobody says, the likeliest first."""
 SURELY = 0.02
 """Metres of misfit at which no other axis is tried for a body that stands."""
-FAR_BETTER = 1.5
-"""How many times better than the likeliest axis another must be: a body is found head down nearly as well as on its feet. One that
-lies must be better by the square."""
+BETTER, LYING = 1.2, 2.0
+"""How many times better than the likeliest axis another must be, and than standing lying must: the wrong way up bodies came out
+1.36 to 3 times as far off in 79 captures of four people, least in skirts; lying ones may fit a little better than standing ones."""
 STANDING = 0.7
 """Cosine between up and the line from the feet to the trunk and head from which on a body stands, sits or crouches."""
 SECOND_POINTS, SECOND_TALL = 0.35, 0.5
@@ -108,7 +108,7 @@ def _likeliest(tried: Mapping[str, Try]) -> str:
 
     def miss(axis: str) -> float:
         seen = tried[axis]
-        return min(seen.standing, FAR_BETTER**2 * seen.misfit) * (1.0 if axis == first else FAR_BETTER)
+        return min(seen.standing, LYING * seen.misfit) * (1.0 if axis == first else BETTER)
 
     return min(tried, key=miss)
 
