@@ -159,6 +159,17 @@ def later_frames(takes: list[TakeFrames], first: Frames, network: nn.Module, see
     return Frames(np.concatenate(features), turned.astype(np.float32), first.wanted, first.matters)
 
 
+def end_to_end(parts: Sequence[Frames]) -> Frames:
+    """Frames of several files, all of one number of looks, as those of one."""
+    looks = len(parts[0].turned) // len(parts[0].wanted)
+    features, turned = (
+        np.concatenate([getattr(part, name).reshape(looks, len(part.wanted), -1) for part in parts], axis=1)
+        for name in ("features", "turned")
+    )
+    wanted, matters = (np.concatenate([getattr(part, name) for part in parts]) for name in ("wanted", "matters"))
+    return Frames(features.reshape(-1, features.shape[-1]), turned.reshape(-1, turned.shape[-1]), wanted, matters)
+
+
 def _said(network: nn.Module, features: Array) -> Array:
     chunks = [features[start : start + 4096].astype(np.float32) for start in range(0, len(features), 4096)]
     return np.concatenate([_evened(network, chunk) for chunk in chunks])
@@ -220,11 +231,14 @@ def recipe(data: Path | None, cache: Path, before: Sequence[nn.Module] = ()) -> 
     """The recipe of the network that comes after those learnt `before`; takes are made, and kept, in `cache`."""
     sets = []
     for which, count in ((TRAINING, TAKES), (VALIDATION, VALIDATION_TAKES)):
-        clips = load_takes(keep_takes(which, count, data, cache, os.cpu_count() or 1), data)
-        frames = first_frames(clips)
-        for network in before:
-            frames = later_frames(clips, frames, network, 0 if which == TRAINING else None)
-        sets.append(frames)
+        parts = []
+        for number, path in enumerate(keep_takes(which, count, data, cache, os.cpu_count() or 1)):
+            clips = load_takes([path], data)  # a file at a time: where all sensors are takes much more memory than what is seen
+            frames = first_frames(clips)
+            for network in before:
+                frames = later_frames(clips, frames, network, number if which == TRAINING else None)
+            parts.append(frames)
+        sets.append(end_to_end(parts))
     return LookRecipe(*sets)
 
 
