@@ -24,9 +24,9 @@ demo: setup
 
 test: setup
 	@$(BIN)/python -m pytest -n 2 --dist worksteal
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync=target gate-rig-transfer gate-contact gate-interaction
+	@$(MAKE) --no-print-directory --jobs 2 gate-rig-transfer gate-contact gate-interaction
 
-# A quick bench against the committed baseline, each on one core; the longest is named first above.
+# A quick bench against the committed baseline. Each takes one core; the longest is named first above.
 gate-%: setup
 	@$(BIN)/retarget bench $* --quick --gate
 
