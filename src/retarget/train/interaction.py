@@ -36,13 +36,13 @@ from retarget.train.poses import FPS
 
 Array = np.ndarray
 
-TAKES, VALIDATION_TAKES = 256, 6
+TAKES, VALIDATION_TAKES = 128, 6
 WIDTH, DEPTH = 512, 3
 ENERGY = 0.02
 """Energies well beyond this count by their root: few frames must not outweigh all others."""
 SHAKEN = 0.02
 """Standard deviation of what is added to the corrections that the second network starts from, radians, at most."""
-SETTINGS = Settings(steps=3_600, batch=512, rate=1e-3, warm=200, decay=1.0, rough=0.9, every=100, checks=400)
+SETTINGS = Settings(steps=2_400, batch=512, rate=1e-3, warm=200, decay=1.0, rough=0.9, every=100, checks=400)
 
 
 class LookNetwork(nn.Module):
