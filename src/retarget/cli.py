@@ -366,7 +366,7 @@ app.command()(report)
 @app.command(epilog="\n\n".join(f"{key}: {sentence}." for key, sentence in FORMULAS.items()))
 def bench(
     name: Annotated[str, typer.Argument(help="contact, formats, interaction, rig-transfer, scan, shape-transfer or skeletal")],
-    quick: Annotated[bool, typer.Option("--quick", help="An honest subset in at most 45 s.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="An honest subset in about a minute (scan: two).")] = False,
     json_file: Annotated[
         Optional[Path], typer.Option("--json", help="Also write everything to this file.", show_default=False)
     ] = None,

@@ -63,7 +63,8 @@ def test_the_critic_learns_from_its_own_term_alone():
     skeletons = human_model().joints(skeletons)[:, :22].astype(np.float32)
     recipe = PaperMotionRecipe.__new__(PaperMotionRecipe)
     recipe.rotation_weight = 1.0
-    terms = recipe.losses(players, (turns, np.zeros((2, CONTEXT, 3), np.float32), skeletons, skeletons[::-1].copy()))
+    still, same = np.zeros((2, CONTEXT, 3), np.float32), np.zeros(2, np.float32)
+    terms = recipe.losses(players, (turns, still, skeletons, skeletons[::-1].copy(), same))
     terms["real"].backward(retain_graph=True)
     assert all(each.grad is None for each in players.critic.parameters())
     assert any(each.grad is not None for each in players.retargeter.parameters())
