@@ -103,7 +103,7 @@ class Try:
 
 
 def _likeliest(tried: Mapping[str, Try]) -> str:
-    """The axis along which a body stands well: the first one tried, unless another is far better."""
+    """The axis along which a body stands well: the first one tried, unless another is `BETTER`."""
     first = next(iter(tried))
 
     def miss(axis: str) -> float:
