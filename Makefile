@@ -14,7 +14,7 @@ $(VENV)/.ready: pyproject.toml requirements-test.txt
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-test.txt --editable '.[test]'
 	@echo "compiling the collision kernels (once, about ten seconds)"
-	@$(BIN)/python -c "from retarget.contact import collide, pair_kernels, part_field_kernels, skin_kernels; from retarget.geometry import capture_kernels, closest_kernels, turn_kernels; from retarget.methods.scan import cloud_kernels, fit_kernels; from retarget.motion import limit_kernels; from retarget.rig import fit_kernels as body_kernels; [each.compile_kernels() for each in (collide, pair_kernels, part_field_kernels, skin_kernels, capture_kernels, closest_kernels, turn_kernels, cloud_kernels, fit_kernels, limit_kernels, body_kernels)]"
+	@$(BIN)/python -c "from retarget.contact import collide, pair_kernels, part_field_kernels, skin_kernels; from retarget.geometry import capture_kernels, closest_kernels, turn_kernels; from retarget.methods.interaction import part_equation_kernels; from retarget.methods.scan import cloud_kernels, fit_kernels; from retarget.motion import limit_kernels; from retarget.rig import fit_kernels as body_kernels; [each.compile_kernels() for each in (collide, pair_kernels, part_field_kernels, skin_kernels, capture_kernels, closest_kernels, turn_kernels, part_equation_kernels, cloud_kernels, fit_kernels, limit_kernels, body_kernels)]"
 	@# The Khronos validator checks written files where Node is at hand; without it those tests are skipped.
 	@if command -v npm >/dev/null 2>&1; then npm install --no-save --silent --no-audit --no-fund gltf-validator@2.0.0-dev.3.10 || true; fi
 	@touch $@

@@ -14,6 +14,7 @@ import retarget.evaluate.reference.ray_parity  # noqa: F401  (compiled loops: nu
 import retarget.geometry.capture_kernels
 import retarget.geometry.closest_kernels
 import retarget.geometry.turn_kernels
+import retarget.methods.interaction.part_equation_kernels
 import retarget.methods.scan.cloud_kernels
 import retarget.methods.scan.fit_kernels
 import retarget.motion.limit_kernels

@@ -51,9 +51,10 @@ def train_network(name: str, folder: Path, data: Path | None, steps: int | None,
     into = weights or folder / "weights"
     if hasattr(module, "STAGES"):  # networks that are learnt one after the other, each from what those before it do
         learnt: list[Any] = []
-        for stage in range(module.STAGES):
+        for stage, usual in enumerate(module.STAGES):
+            own = replace(settings, steps=steps or usual)
             recipe = module.recipe(data, folder / "cache", [state.mean.eval() for state in learnt], **otherwise)
-            learnt.append(train(recipe, settings, folder / f"stage_{stage + 1}"))
+            learnt.append(train(recipe, own, folder / f"stage_{stage + 1}"))
         networks, seconds = [state.mean for state in learnt], sum(state.seconds for state in learnt)
     else:
         learnt = [train(module.recipe(data, folder / "cache", **otherwise), settings, folder)]

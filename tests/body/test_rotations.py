@@ -59,3 +59,11 @@ def test_continuous_never_flips_and_keeps_the_rotation(quaternions):
     smooth = rot.continuous(quaternions)
     assert ((smooth[1:] * smooth[:-1]).sum(-1) >= 0).all()
     assert rot.angle_between(smooth, quaternions).max() < 1e-7
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-6, 0.3, 2.5])
+def test_the_left_jacobian_says_how_small_changes_turn(size):
+    vectors = size * rot.unit(np.random.default_rng(3).normal(size=(20, 3)))
+    for axis in np.eye(3):
+        changed = rot.multiply(rot.from_rotation_vector(vectors + 1e-5 * axis), rot.inverse(rot.from_rotation_vector(vectors)))
+        assert np.abs(rot.to_rotation_vector(changed) / 1e-5 - rot.left_jacobian(vectors) @ axis).max() < 1e-4

@@ -33,7 +33,7 @@ def field_of(source, target):
 
 
 def seen(own, source, target):
-    return own.figures(own.source(*world_pose(source)), *world_pose(target))
+    return own.figures(own.source(*world_pose(source)), own.target(*world_pose(target)), *world_pose(target))
 
 
 def pairs(figures):

@@ -14,6 +14,8 @@ from made_motions import actor, body, cast_by_names, fingerless
 from retarget.body import rotations as rot
 from retarget.body.kinematics import world_pose
 from retarget.character import Character
+from retarget.contact.part_field import FIGURES, PAIRS
+from retarget.contact.skin_levers import TURNING
 from retarget.errors import FileError, RetargetError
 from retarget.evaluate.touch import observe, prepare_judge
 from retarget.methods.interaction import network
@@ -119,6 +121,23 @@ def test_a_body_without_fingers_serves():
     assert judge(touch(), made)["penetration_percent"] < 0.5 * judge(touch(), plain)["penetration_percent"]
 
 
+@pytest.mark.parametrize(
+    ("pair", "figure", "value", "turns"),
+    [
+        (("leftHand", "spine"), 0, 0.3, True), (("leftHand", "spine"), 0, 0.05, False), (("rightUpperArm", "leftLowerArm"), 0, 0.3, True),
+        (("leftUpperArm", "chest"), 0, 0.9, False), (("leftUpperArm", "chest"), 15, 0.03, True), (("leftLowerArm", "spine"), 15, 0.01, False),
+        (("leftUpperArm", "rightShoulder"), 15, 0.05, False), (("rightHand", "spine"), 0, 0.9, False),
+    ],
+)  # fmt: skip
+def test_an_arm_turns_where_it_touches_or_is_inside(pair, figure, value, turns):
+    seen = np.zeros((1, FIGURES * len(PAIRS)), np.float32)
+    seen[0, FIGURES * PAIRS.index(pair) + figure] = value
+    found = network.cause(seen)[0].reshape(-1, 3)
+    arm = [TURNING.index(f"left{part}") for part in ("Shoulder", "LowerArm", "Hand", "IndexProximal")]
+    assert (found[arm] == float(turns)).all()
+    assert (found[[TURNING.index(name) for name in ("hips", "head", "leftFoot", "rightUpperLeg")]] == 1.0).all()
+
+
 def test_a_target_without_a_surface_is_refused():
     bare = cast_by_names(Character(body().skeleton))
     with pytest.raises(RetargetError, match="no surface; the method 'learned-interaction' needs one"):
@@ -161,7 +180,7 @@ def test_damaged_weights_are_refused(folder, damage):
 
 def test_other_versions_and_networks_are_refused(folder, monkeypatch):
     monkeypatch.setattr(network, "VERSION", "0")
-    with pytest.raises(FileError, match="weights of version 1, but this program needs version 0"):
+    with pytest.raises(FileError, match="weights of version 2, but this program needs version 0"):
         load_network(folder)
     monkeypatch.undo()
     shutil.copy(FOLDER.parents[1] / "scan" / "weights" / "skinning_field.onnx", folder / FILES[0])

@@ -69,3 +69,22 @@ def test_the_last_steps_barely_move(tmp_path):
     after = train(Line(), replace(SETTINGS, steps=40), tmp_path)
     network = len(kept) // 2
     assert np.abs(weights(after)[:network] - kept[:network]).max() < 0.02 * SETTINGS.rate
+
+
+class TwoRates(Line):
+    """The last layer learns faster, without decay."""
+
+    def groups(self, network):
+        first, _, last = network
+        return [{"params": list(first.parameters())}, {"params": list(last.parameters()), "faster": 10.0, "weight_decay": 0.0}]
+
+
+def test_groups_learn_at_their_own_rates(tmp_path):
+    torch.manual_seed(SETTINGS.seed)
+    before = Line().network()
+    moved = []
+    for recipe in (Line(), TwoRates()):
+        after = train(recipe, replace(SETTINGS, steps=1, decay=0.0), tmp_path / type(recipe).__name__).network
+        moved.append([float((after[place].weight - before[place].weight).detach().abs().mean()) for place in (0, 2)])
+    assert moved[0][0] == pytest.approx(moved[1][0], rel=1e-3)
+    assert moved[1][1] == pytest.approx(10.0 * moved[0][1], rel=1e-3)

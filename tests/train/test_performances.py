@@ -27,7 +27,7 @@ def clip():
 
 def nearest_of_hands(motion):
     placed = world_pose(motion)
-    seen = field().figures(field().source(*placed), *placed)[:, : len(PAIRS) * FIGURES]
+    seen = field().figures(field().source(*placed), field().target(*placed), *placed)[:, : len(PAIRS) * FIGURES]
     return seen.reshape(len(motion), len(PAIRS), FIGURES)[:, reaching.HANDS, 0].max(axis=1)
 
 

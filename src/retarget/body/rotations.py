@@ -110,6 +110,19 @@ def to_rotation_vector(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
     return q[..., :3] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0)
 
 
+def left_jacobian(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
+    """J with exp(v + d) = exp(J d) exp(v) to first order, for rotation vectors v and small changes d."""
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5, (1.0 - np.cos(safe)) / safe**2)
+    second = np.where(small, 1.0 / 6.0, (safe - np.sin(safe)) / safe**3)
+    cross = np.zeros((*v.shape, 3))
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    cross -= np.swapaxes(cross, -1, -2)
+    return np.eye(3) + first * cross + second * (cross @ cross)
+
+
 def angle_between(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) -> Float[Array, "*batch"] | float:
     """The angle of the rotation from `a` to `b`, radians in [0, pi]."""
     return np.linalg.norm(to_rotation_vector(multiply(inverse(a), b)), axis=-1)

@@ -91,6 +91,13 @@ class PartField:
         places, frames = self.skinners[0].pose(world_rotations, world_positions)
         return places[:, self.used], frames[:, self.used]
 
+    def target(
+        self, world_rotations: Float[Array, "frames joints 4"], world_positions: Float[Array, "frames joints 3"]
+    ) -> tuple[Float[Array, "frames used 3"], Float[Array, "frames used 3 3"]]:
+        """The target's posed sensors."""
+        places, frames = self.skinners[1].pose(world_rotations, world_positions)
+        return places[:, self.used], frames[:, self.used]
+
     def axes(self, world_rotations: Float[Array, "frames joints 4"]) -> Float[Array, "frames bones 4"]:
         """World rotations of the target's bones, from the body's own axes in the common stance."""
         return rot.multiply(world_rotations[:, self.joints], rot.inverse(self.upright))
@@ -98,6 +105,7 @@ class PartField:
     def figures(
         self,
         source: tuple[Float[Array, "frames used 3"], Float[Array, "frames used 3 3"]],
+        target: tuple[Float[Array, "frames used 3"], Float[Array, "frames used 3 3"]],
         world_rotations: Float[Array, "frames joints 4"],
         world_positions: Float[Array, "frames joints 3"],
     ) -> Float[Array, "frames figures"]:
@@ -105,13 +113,12 @@ class PartField:
         against the hips (two columns of each matrix), where up is, and girths."""
         from retarget.contact.part_field_kernels import part_figures
 
-        places, frames = self.skinners[1].pose(world_rotations, world_positions)
         axes = self.axes(world_rotations)
         hips = rot.to_matrix(axes[:, 0])
         roots = np.ascontiguousarray(np.concatenate([hips, world_positions[:, self.joints[0], :, None]], axis=2))
         out = np.zeros((len(axes), len(PAIRS), FIGURES), np.float32)
         part_figures(
-            *source, places[:, self.used], frames[:, self.used], self.starts, PAIR_BONES, self.heights, roots,
+            *source, *target, self.starts, PAIR_BONES, self.heights, roots,
             np.ascontiguousarray(world_positions[:, self.joints]), out,
         )  # fmt: skip
         turns = rot.to_matrix(rot.multiply(rot.inverse(axes[:, :1]), axes[:, 1:]))[..., :2]

@@ -92,7 +92,7 @@ def problem(source: Actor, target: Actor, motion: Motion) -> Problem:
 
 def rounds(asked: Problem, looker: Looker, network: InteractionNetwork) -> Iterator[dict[str, Any]]:
     """Energies (less that of the copied pose) and set-ups per frame that needs any, for both starts and one to three rounds."""
-    turned = network(looker, asked.performed, asked.frames)
+    turned = network.clip(looker, asked.performed, asked.frames, asked.fps)
     said = looker.unknowns.to_solver(turned, world_pose(asked.frames)[0]) * (asked.need > 0)[:, None]
     still, frames = np.zeros_like(said), max(1, int(np.count_nonzero(asked.need)))
     yield {"start": "network", "rounds": -1, "set_ups": 0.0, "energy": asked.energy_above(still, said)}

@@ -3,12 +3,14 @@
 Two networks, one after the other: the first looks at the copied pose, the second at what an earlier look has made of it, and
 learns from poses that earlier looks leave. Both learn what the solver did (distillation), by the solver's own measure: a miss d of
 the correction costs d' M d, with the matrix M of the solver's problem at its solution. A plain squared error learns poses that are
-near in joints and lose contacts, because an elbow that opens by two degrees lifts the hand off the hip.
+near in joints and lose contacts, because an elbow that opens by two degrees lifts the hand off the hip. What they say is mostly what
+the rows of a small linear system weigh (`methods/interaction/part_equations.py`), and they learn through its solution.
 `methods/interaction/network.py` uses what is learnt here.
 """
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,31 +24,43 @@ from torch import Tensor, nn
 
 from retarget.body.kinematics import world_pose
 from retarget.character import Motion
+from retarget.contact.part_field import PAIRS
 from retarget.evaluate.scan_split import TRAINING, VALIDATION
-from retarget.methods.interaction.looker import Looker, Posed, nothing_turned, prepare_looker
-from retarget.methods.interaction.mirrored import mirror_of_features, mirror_of_turned
-from retarget.methods.interaction.network import FILES, KIND, VERSION
+from retarget.methods.interaction.looker import SEEN, Looker, Posed, beside_seen, nothing_turned, prepare_looker
+from retarget.methods.interaction.mirrored import mirror_of_features, mirror_of_said, mirror_of_turned
+from retarget.methods.interaction.network import FILES, KIND, VERSION, bounded
+from retarget.methods.interaction.part_equations import HELD, PAIRED, SAID, STIFF, TURNED, part_steps
 from retarget.methods.interaction.unknowns import SIZE
 from retarget.motion.touch.equations import TALL
 from retarget.motion.touch.mend import frames_of
+from retarget.motion.touch.solve import STIFFNESS
 from retarget.train.export import Graph
 from retarget.train.interaction_takes import body_of, keep_takes
 from retarget.train.loop import Recipe, Settings
+from retarget.train.part_equations import steps
 from retarget.train.poses import FPS
 
 Array = np.ndarray
 
-TAKES, VALIDATION_TAKES = 128, 6
-WIDTH, DEPTH = 512, 3
+TAKES, VALIDATION_TAKES = 209, 6
+WIDTH, DEPTH = 448, 3
 ENERGY = 0.02
 """Energies well beyond this count by their root: few frames must not outweigh all others."""
 SHAKEN = 0.02
 """Standard deviation of what is added to the corrections that the second network starts from, radians, at most."""
-SETTINGS = Settings(steps=2_400, batch=512, rate=1e-3, warm=200, decay=1.0, rough=0.9, every=100, checks=400)
+FIRST_PAIR = (4.0, 1.0, 2.5, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0)
+"""What is said of every pair before anything is learnt (`part_equations.SAYS`): alone it leaves half of the copied poses' miss."""
+FIRST_STIFFNESS = 0.2
+"""Likewise every joint's stiffness, times the solver's."""
+FIRST_HELD = 5.0
+"""Likewise of distances of hands."""
+SWIFT = 5.0
+"""How many times faster what is said of all frames alike is learnt, without decay."""
+SETTINGS = Settings(steps=1_200, batch=512, rate=1e-3, warm=200, decay=1.0, rough=0.9, every=100, checks=400)
 
 
 class LookNetwork(nn.Module):
-    """A residual network over standardised features."""
+    """A residual network over standardised features; says what `part_steps` reads, on top of what holds for all frames."""
 
     def __init__(self, middle: Tensor, spread: Tensor) -> None:
         super().__init__()
@@ -55,16 +69,27 @@ class LookNetwork(nn.Module):
         self.enter = nn.Linear(len(middle), WIDTH)
         self.norms = nn.ModuleList(nn.LayerNorm(WIDTH) for _ in range(DEPTH))
         self.blocks = nn.ModuleList(nn.ModuleList([nn.Linear(WIDTH, WIDTH), nn.Linear(WIDTH, WIDTH)]) for _ in range(DEPTH))
-        self.leave = nn.Linear(WIDTH, SIZE)
+        self.leave = nn.Linear(WIDTH, SAID)
         nn.init.zeros_(self.leave.weight)
         nn.init.zeros_(self.leave.bias)
+        self.always = nn.Parameter(_usual())
 
     def forward(self, features: Tensor) -> Tensor:
-        """(frames, features) to changes of the correction (frames, SIZE)."""
+        """What is seen (frames, SEEN) to what is said (frames, SAID)."""
         x = self.enter((features - self.middle) / self.spread)
         for norm, (first, second) in zip(self.norms, self.blocks):
             x = x + second(torch.relu(first(norm(x))))
-        return self.leave(torch.relu(x))
+        return self.leave(torch.relu(x)).float() + self.always
+
+
+def _usual() -> Tensor:
+    """What the equations start from: nothing added, all pairs alike, joints as stiff as the solver has them."""
+    said = torch.zeros(SAID)
+    said[PAIRED] = torch.tensor(FIRST_PAIR).repeat(len(PAIRS))
+    stiff = [STIFFNESS.get(name.removeprefix("left").removeprefix("right"), 1.0) for name in TURNED]
+    said[HELD] = FIRST_HELD
+    said[STIFF] = torch.tensor(stiff).mul(FIRST_STIFFNESS).log().repeat_interleave(3)
+    return said
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +97,7 @@ class Frames:
     """All frames of a set of takes, end to end."""
 
     features: Array
-    """(looks, features), half precision."""
+    """(looks, features), half precision: what is seen and what stands behind it."""
     turned: Array
     """(looks, SIZE): where a look starts; there may be several of a frame, the second of all behind the first of all."""
     wanted: Array
@@ -141,7 +166,7 @@ def first_frames(takes: list[TakeFrames]) -> Frames:
 
 def later_frames(takes: list[TakeFrames], first: Frames, network: nn.Module, seed: int | None) -> Frames:
     """Poses that the first look leaves; with a `seed`, shaken, and followed by others between those and the solver's."""
-    reached = first.turned + _said(network, first.features)
+    reached = bounded(first.turned + _changes(network, first.features, first.turned))
     if seed is None:
         turned = reached
     else:
@@ -170,16 +195,19 @@ def end_to_end(parts: Sequence[Frames]) -> Frames:
     return Frames(features.reshape(-1, features.shape[-1]), turned.reshape(-1, turned.shape[-1]), wanted, matters)
 
 
-def _said(network: nn.Module, features: Array) -> Array:
-    chunks = [features[start : start + 4096].astype(np.float32) for start in range(0, len(features), 4096)]
-    return np.concatenate([_evened(network, chunk) for chunk in chunks])
+def _changes(network: nn.Module, features: Array, turned: Array) -> Array:
+    chunks = range(0, len(features), 1024)
+    return np.concatenate(
+        [_evened(network, features[at : at + 1024].astype(np.float32), turned[at : at + 1024]) for at in chunks], dtype=np.float64
+    )
 
 
 @torch.no_grad()
-def _evened(network: nn.Module, features: Float[Array, "frames features"]) -> Float[Array, "frames SIZE"]:
-    """What the network says in use: of the frames and of their mirror images."""
-    own, other = (network(torch.from_numpy(each)).numpy() for each in (features, mirror_of_features()(features)))
-    return 0.5 * (own + mirror_of_turned()(other))
+def _evened(network: nn.Module, features: Float[Array, "frames features"], turned: Float[Array, "frames SIZE"]) -> Array:
+    """The change of corrections in use: by what the network says of the frames and of their mirror images."""
+    own, other = (network(torch.from_numpy(each[:, :SEEN])).numpy() for each in (features, mirror_of_features()(features)))
+    places, axes, asked = beside_seen(features)
+    return part_steps(features, places, axes, turned, asked, 0.5 * (own + mirror_of_said()(other)))
 
 
 class LookRecipe(Recipe):
@@ -191,9 +219,14 @@ class LookRecipe(Recipe):
         self.learnt, self.judged = learnt, judged
 
     def network(self) -> nn.Module:
-        """Fresh, 2.9 million weights."""
-        seen = self.learnt.features[:: max(1, len(self.learnt.features) // 20_000)].astype(np.float32)
+        """Fresh, 2.8 million weights."""
+        seen = self.learnt.features[:: max(1, len(self.learnt.features) // 20_000), :SEEN].astype(np.float32)
         return LookNetwork(torch.from_numpy(seen.mean(axis=0)), torch.from_numpy(seen.std(axis=0) + 1e-3))
+
+    def groups(self, network: nn.Module) -> list[dict[str, Any]]:
+        """What holds for all frames apart."""
+        rest = [weight for name, weight in network.named_parameters() if name != "always"]
+        return [{"params": rest}, {"params": [network.always], "faster": SWIFT, "weight_decay": 0.0}]
 
     def batch(self, number: int, count: int) -> Any:
         """Random frames, half of them mirrored."""
@@ -204,7 +237,9 @@ class LookRecipe(Recipe):
     def losses(self, network: nn.Module, batch: Any) -> dict[str, Tensor]:
         """The solver's measure of the miss, by its root where it is large."""
         features, turned, wanted, matters = batch
-        energy = _energy(turned + network(features).float() - wanted, matters)
+        said = network(features[:, :SEEN])
+        with torch.autocast("cpu", enabled=False):
+            energy = _energy(turned + steps(features, turned, said) - wanted, matters)
         return {"energy": 2.0 * ((1.0 + energy / ENERGY).sqrt() - 1.0).mean(), "energy_seen": energy.mean()}
 
     def check(self, network: nn.Module) -> dict[str, float]:
@@ -212,7 +247,7 @@ class LookRecipe(Recipe):
         left, before, turns = [], [], []
         for start in range(0, len(self.judged.wanted), 2048):
             features, turned, wanted, matters = _chosen(self.judged, np.arange(start, min(start + 2048, len(self.judged.wanted))))
-            miss = turned + torch.from_numpy(_evened(network, features.numpy())) - wanted
+            miss = turned + torch.from_numpy(_evened(network, features.numpy(), turned.numpy())).float() - wanted
             left.append(_energy(miss, matters))
             before.append(_energy(wanted, matters))
             turns.append(miss.square().sum(dim=1))
@@ -223,8 +258,8 @@ class LookRecipe(Recipe):
         }  # fmt: skip
 
 
-STAGES = 2
-"""Networks, one learnt after the other."""
+STAGES = (1_200, 800)
+"""Steps of the networks, one learnt after the other; the second overfits beyond."""
 
 
 def recipe(data: Path | None, cache: Path, before: Sequence[nn.Module] = ()) -> LookRecipe:
@@ -252,8 +287,10 @@ def export(networks: Sequence[nn.Module], folder: Path, told: Mapping[str, str])
         x = graph.linear(scaled, "features")
         for norm, (first, second) in zip(network.norms, network.blocks):
             x = graph.apply("Add", [x, graph.linear(second, graph.apply("Relu", [graph.linear(first, graph.norm(norm, x))]))])
-        out = graph.linear(network.leave, graph.apply("Relu", [x]))
-        graph.save(folder / name, out, len(network.middle), SIZE, {**told, "network": KIND, "version": VERSION})
+        leave = copy.deepcopy(network.leave)
+        leave.bias.data += network.always.data
+        out = graph.linear(leave, graph.apply("Relu", [x]))
+        graph.save(folder / name, out, SEEN, SAID, {**told, "network": KIND, "version": VERSION})
 
 
 def _chosen(frames: Frames, chosen: Array, mirrored: Array | None = None) -> tuple[Tensor, Tensor, Tensor, Tensor]:

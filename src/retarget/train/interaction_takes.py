@@ -6,8 +6,9 @@ makes of them. Performances are first mended on the performer, so that nothing i
 `evaluate/scan_split.py`; half of the performers are the embedded `thin`, and some targets are characters of other makers. Every
 take is a function of its number.
 
-Kept of each frame are both poses, the solver's correction, and the matrix of the problem there: how much each way of missing the
-correction matters (the trap is a network that misses contacts by little everywhere; see `train/interaction.py`).
+Kept of each frame are both poses, the solver's correction, with distances of hands weighed more (`train/interaction_distances.py`), and
+the matrix of the problem there: how much each way of missing the correction matters (the trap is a network that misses contacts by
+little everywhere; see `train/interaction.py`).
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from retarget.motion.align import Actor
 from retarget.motion.touch.faults import needs
 from retarget.motion.touch.mend import frames_of, solve_clip
 from retarget.motion.touch.solve import CALM, PRIOR
+from retarget.train.interaction_distances import with_distances
 from retarget.train.performances import clips_of, drawn_performance
 
 Array = np.ndarray
@@ -66,7 +68,7 @@ class Take:
     performed: Motion
     copied: Motion
     turned: Float[Array, "frames unknowns"]
-    """The solver's corrections, as `methods/interaction/unknowns.py` has them."""
+    """The solver's corrections, as `methods/interaction/unknowns.py` has them, with more weight on distances of hands."""
     matters: Float[Array, "frames triangle"]
     """The lower triangle of the problem's matrix there, for the same numbers: half precision."""
 
@@ -119,7 +121,7 @@ class _Pair:
 
     def __init__(self, source: Actor, target: Actor) -> None:
         self.prepared = Interaction().prepare(source, target)
-        self.unknowns = prepare_looker(source, target).unknowns
+        self.looker = prepare_looker(source, target)
 
     def take(self, motion: Motion, source: Body, target: Body, draw: np.random.Generator) -> Take:
         """The solver's work on a clip."""
@@ -142,13 +144,12 @@ class _Pair:
             prior = PRIOR * (solver.stiffness + CALM * (1.0 - need[f]) * solver.inertia)
             matters.append(matrix + np.diag(prior))
         world = world_pose(frames)[0][chosen]
-        turned = self.unknowns.from_solver(x[chosen], world)
-        matters = self.unknowns.matrix(np.stack(matters), world)
+        unknowns = self.looker.unknowns
+        turned, matters = unknowns.from_solver(x[chosen], world), unknowns.matrix(np.stack(matters), world)
+        performed, copies = (frames_of(each, chosen) for each in (motion, frames))
+        turned, matters = with_distances(self.looker, performed, copies, turned, matters, need[chosen])
         rows, columns = np.tril_indices(matters.shape[1])
-        return Take(
-            source, target, frames_of(motion, chosen), frames_of(frames, chosen), turned,
-            matters[:, rows, columns].astype(np.float16),
-        )  # fmt: skip
+        return Take(source, target, performed, copies, turned, matters[:, rows, columns].astype(np.float16))
 
 
 def body_of(body: Body, data: Path | None) -> Actor:

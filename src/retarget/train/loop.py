@@ -62,6 +62,10 @@ class Recipe(ABC):
     def network(self) -> nn.Module:
         """A fresh network."""
 
+    def groups(self, network: nn.Module) -> list[dict[str, Any]]:
+        """What is learnt, in groups as torch's optimizers take them; `faster` times the rate where a group says so."""
+        return [{"params": list(network.parameters())}]
+
     @abstractmethod
     def batch(self, number: int, count: int) -> Any:
         """What the network learns from in a step: a function of its arguments alone. Runs in a thread of its own."""
@@ -97,7 +101,7 @@ def train(recipe: Recipe, settings: Settings, folder: Path, stop: int | None = N
     folder.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(settings.seed)
     network = recipe.network()
-    optimizer = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=settings.decay, fused=True)
+    optimizer = torch.optim.AdamW(recipe.groups(network), lr=settings.rate, weight_decay=settings.decay, fused=True)
     state = State(network, copy.deepcopy(network).requires_grad_(False), optimizer)
     _resume(state, folder)
     last = settings.steps if stop is None else min(stop, settings.steps)
@@ -137,7 +141,7 @@ def _step(recipe: Recipe, settings: Settings, state: State, batch: Any) -> dict[
     share = state.step / settings.steps
     rate = settings.rate * (LAST_RATE + (1.0 - LAST_RATE) * 0.5 * (1.0 + math.cos(math.pi * share)))
     for group in state.optimizer.param_groups:
-        group["lr"] = rate * min(1.0, (state.step + 1) / settings.warm)
+        group["lr"] = group.get("faster", 1.0) * rate * min(1.0, (state.step + 1) / settings.warm)
     torch.manual_seed(settings.seed + 1_000_003 * state.step)
     state.network.train()
     rough = torch.autocast("cpu", dtype=torch.bfloat16) if share < settings.rough else nullcontext()

@@ -75,7 +75,7 @@ def reaching_arms(motion: Motion, frame: int, field: PartField, draw: np.random.
         tried[row, first.joints], tried[row, second.joints] = one, other
     count = len(tried)
     placed = world_pose(replace(pose, rotations=tried, translations=np.repeat(pose.translations, count, axis=0)))
-    seen = field.figures(field.source(*placed), *placed)[:, : len(PAIRS) * FIGURES].reshape(count, len(PAIRS), FIGURES)
+    seen = field.figures(field.source(*placed), field.target(*placed), *placed)[:, : len(PAIRS) * FIGURES].reshape(count, len(PAIRS), FIGURES)
     nearest, deepest = seen[:, HANDS, 0].max(axis=1), seen[:, ARM_PAIRS, 15].max(axis=1)
     good = np.flatnonzero((nearest > CLOSE) & (deepest < DEEPEST))
     return tried[good[0] if len(good) else (nearest - 10.0 * deepest).argmax()][list(ARMS)]

@@ -17,14 +17,11 @@ from retarget.methods.interaction.looker import Looker, prepare_looker
 from retarget.methods.interaction.network import InteractionNetwork, load_network
 from retarget.motion.align import Actor
 from retarget.motion.copy_clip import Copier, CopySettings, prepare_copier
-from retarget.motion.filter import gaussian
 from retarget.motion.stand_in import StandIn, fit_stand_in
 from retarget.motion.touch.mend import between, frames_of, one_frame, solved_frames
 
 Array = np.ndarray
 
-CALM = 0.04
-"""Seconds: standard deviation of the Gaussian that corrections of a clip are smoothed with."""
 KEPT = 0.5
 """How much of the last frame's correction a frame keeps online, at 30 frames a second."""
 
@@ -85,7 +82,7 @@ class PreparedLearned(Retargeter):
         chosen, fps = solved_frames(motion)
         frames = frames_of(copied.motion, chosen)
         performed = frames_of(self.stand_in.motion(motion) if self.stand_in else motion, chosen)
-        turned = gaussian(self.network(self.looker, performed, frames), CALM * fps)
+        turned = self.network.clip(self.looker, performed, frames, fps)
         whole = between(turned, chosen, len(motion))
         if self.copier.settings.in_place:
             whole[:, [-3, -1]] = 0.0  # across the ground the body stays where it is

@@ -14,6 +14,9 @@ from jaxtyping import Float, Int
 from retarget.contact.part_field import FIGURES, PAIRS, QUARTERS
 from retarget.contact.sensor_bones import BONES
 from retarget.contact.skin_levers import TURNING
+from retarget.methods.interaction.hand_distances import TRIANGLE
+from retarget.methods.interaction.part_equations import HELD, PAIRED, ROWS, SAYS, STIFF, TURNED
+from retarget.methods.interaction.unknowns import SIZE
 
 Array = np.ndarray
 
@@ -48,7 +51,8 @@ def mirror_of_turned() -> Mirror:
 
 @lru_cache(maxsize=1)
 def mirror_of_features() -> Mirror:
-    """Of what a look sees: the figures of pairs, turns of bones, where up is, girths of both bodies, the correction."""
+    """Of what a look sees: the figures of pairs, turns of bones, where up is, girths of both bodies, the correction; and of where
+    turns act and what distances ask."""
     rows, signs = [], []
 
     def add(own: Array, sign: Array) -> None:
@@ -71,4 +75,33 @@ def mirror_of_features() -> Mirror:
         start += (1 + QUARTERS) * len(BONES)
     turned = mirror_of_turned()
     add(start + turned.rows, turned.signs)
+    start += SIZE
+    joints = turned.rows[: 3 * len(TURNING) : 3] // 3
+    add(start + 3 * joints[:, None] + np.arange(3), VECTOR)
+    start += 3 * len(TURNING)
+    add(start + 9 * joints[:, None] + np.arange(9), np.outer(TURN, TURN).ravel())
+    start += 9 * len(TURNING)
+    unknowns, sign = _unknowns()
+    row, column = np.tril_indices(len(ROWS))
+    high, low = np.maximum(unknowns[row], unknowns[column]), np.minimum(unknowns[row], unknowns[column])
+    add(start + high * (high + 1) // 2 + low, sign[row] * sign[column])
+    add(start + TRIANGLE + unknowns, sign)
     return Mirror(np.concatenate(rows), np.concatenate(signs))
+
+
+@lru_cache(maxsize=1)
+def mirror_of_said() -> Mirror:
+    """Of what a network says (`part_equations.SAID`)."""
+    turned, place = mirror_of_turned(), {pair: number for number, pair in enumerate(PAIRS)}
+    pairs = np.array([place[_other(own), _other(part)] for own, part in PAIRS])
+    own = np.ones(SAYS)
+    own[5:8] = VECTOR
+    unknowns, _ = _unknowns()
+    rows = turned.rows, PAIRED.start + (SAYS * pairs[:, None] + np.arange(SAYS)).ravel(), STIFF.start + unknowns, [HELD]
+    return Mirror(np.concatenate(rows), np.concatenate([turned.signs, np.tile(own, len(PAIRS)), np.ones(len(unknowns) + 1)]))
+
+
+def _unknowns() -> tuple[Int[Array, "rows"], Float[Array, "rows"]]:
+    """Where the mirror image of each unknown of the equations is among them, and its sign."""
+    joints = np.array([TURNED.index(_other(name)) for name in TURNED])
+    return (3 * joints[:, None] + np.arange(3)).ravel(), np.tile(TURN, len(TURNED))

@@ -93,7 +93,7 @@ class PreparedInteraction(Retargeter):
         if self.start is None:
             return solve_clip(self.solver, frames, goals, fps)
         looker, network = self.start
-        turned = network(looker, performed, frames)
+        turned = network.clip(looker, performed, frames, fps)
         start = looker.unknowns.to_solver(turned, world_pose(frames)[0])
         return solve_clip(self.solver, frames, goals, fps, start=start, together=LEARNED_TOGETHER)
 

@@ -37,6 +37,10 @@ class Unknowns:
     upright: Float[Array, "4"]
     """Rotation from the body's own axes to the hips' in the stance."""
     height: float
+    joints: Int[Array, "turning"]
+    """In the skeleton."""
+    above: Int[Array, "turning"]
+    """The joint that each hangs on; -1 for none."""
 
     def from_solver(
         self, x: Float[Array, "frames unknowns"], world: Float[Array, "frames joints 4"]
@@ -62,6 +66,37 @@ class Unknowns:
         mixed = np.matmul(np.matmul(change, matrices), change.transpose(0, 2, 1))
         return self._spread(self._spread(mixed).transpose(0, 2, 1)).transpose(0, 2, 1)
 
+    def levers(
+        self,
+        turned: Float[Array, "frames SIZE"],
+        world: Float[Array, "frames joints 4"],
+        posed: tuple[Float[Array, "frames joints 4"], Float[Array, "frames joints 3"]],
+    ) -> tuple[Float[Array, "frames TURNING 3"], Float[Array, "frames TURNING 3 3"]]:
+        """Where turns of joints act, for the pose that `turned` makes (`posed`, its world rotations and places) of a copied one (`world`):
+        places of joints from the hips in shares of the height, and what takes a small change of each turn to the turn of all that
+        hangs on the joint; both in the axes of the posed hips. Joints that a rig lacks are zeros."""
+        place, joint, _ = self.hips
+        rotations, places = posed
+        hips = self.to_hips(rotations)
+        where, axes = np.zeros((len(turned), len(TURNING), 3)), np.zeros((len(turned), len(TURNING), 3, 3))
+        away = (places[:, self.joints] - places[:, joint, None]) / self.height
+        where[:, self.places] = away @ hips.transpose(0, 2, 1)
+        parents = np.where((self.above >= 0)[:, None], rotations[:, self.above], rot.IDENTITY)
+        parents = rot.multiply(parents, rot.inverse(self.axes))
+        parents[:, place] = rot.multiply(world[:, joint], rot.inverse(self.upright))
+        turns = turned[:, :-3].reshape(len(turned), -1, 3)[:, self.places]
+        axes[:, self.places] = hips[:, None] @ rot.to_matrix(parents) @ rot.left_jacobian(turns)
+        return where, axes
+
+    def to_hips(self, world: Float[Array, "frames joints 4"]) -> Float[Array, "frames 3 3"]:
+        """What takes world vectors into the axes of the hips, for poses of these world rotations."""
+        return rot.to_matrix(rot.multiply(self.upright, rot.inverse(world[:, self.hips[1]])))
+
+    def roots(self, world: Float[Array, "frames joints 4"], places: Float[Array, "frames joints 3"]) -> Float[Array, "frames 3 4"]:
+        """What takes places in the world to the hips' axes, from the hips and in shares of the height: three columns and what is added."""
+        turn = self.to_hips(world) / self.height
+        return np.concatenate([turn, -turn @ places[:, self.hips[1], :, None]], axis=2)
+
     @property
     def _rows(self) -> Int[Array, "unknowns"]:
         own = (3 * self.places[:, None] + np.arange(3)).ravel()
@@ -74,8 +109,8 @@ class Unknowns:
 
     def _change(self, world: Float[Array, "frames joints 4"]) -> Float[Array, "frames unknowns unknowns"]:
         """What takes a solver's corrections into the body's axes."""
-        place, joint, above = self.hips
-        body = rot.to_matrix(rot.multiply(self.upright, rot.inverse(world[:, joint])))
+        place, _, above = self.hips
+        body = self.to_hips(world)
         change = np.zeros((len(world), 3 * len(self.places) + 3, 3 * len(self.places) + 3))
         for number, axes in enumerate(rot.to_matrix(self.axes)):
             own = slice(3 * number, 3 * number + 3)
@@ -95,5 +130,5 @@ def prepare_unknowns(target: Actor, levers: SkinLevers, stance: Stance) -> Unkno
     place = levers.turning.tolist().index(hips)
     return Unknowns(
         np.array([TURNING.index(name) for name in levers.names]), axes,
-        (place, hips, int(target.skeleton.parents[hips])), upright[hips], target.height,
+        (place, hips, int(target.skeleton.parents[hips])), upright[hips], target.height, levers.turning, parents,
     )  # fmt: skip

@@ -330,16 +330,7 @@ def _world_from_turns(above: Float[Array, "turning 4"], x: Float[Array, "unknown
     """How turns about the world's axes follow from changes of the rotation vectors: with R the world rotation of what a joint
     hangs on and J the left Jacobian of exp, exp(turn + d) = exp(J d) exp(turn), which turns the world by R J d. The shift
     stays."""
-    turns = x[:-3].reshape(-1, 3)
-    angle = np.linalg.norm(turns, axis=1)[:, None, None]
-    small = angle < 1e-4
-    safe = np.where(small, 1.0, angle)
-    first = np.where(small, 0.5, (1.0 - np.cos(safe)) / safe**2)
-    second = np.where(small, 1.0 / 6.0, (safe - np.sin(safe)) / safe**3)
-    cross = np.zeros((len(turns), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -turns[:, 2], turns[:, 1], -turns[:, 0]
-    cross -= cross.transpose(0, 2, 1)
-    blocks = rot.to_matrix(above) @ (np.eye(3) + first * cross + second * (cross @ cross))
+    blocks = rot.to_matrix(above) @ rot.left_jacobian(x[:-3].reshape(-1, 3))
     change = np.zeros((len(x), len(x)))
     for number, block in enumerate(blocks):
         change[3 * number : 3 * number + 3, 3 * number : 3 * number + 3] = block
