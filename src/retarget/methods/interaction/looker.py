@@ -21,8 +21,6 @@ Array = np.ndarray
 
 SEEN = FIGURES * len(PAIRS) + 6 * (len(BONES) - 1) + 3 + 2 * (1 + QUARTERS) * len(BONES) + SIZE
 """Numbers that a network sees of a frame."""
-
-
 AXES_FROM, ASKED_FROM = SEEN + 3 * len(TURNING), SEEN + 12 * len(TURNING)
 """Where axes of turns begin, and the equations of hands."""
 
