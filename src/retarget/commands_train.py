@@ -52,7 +52,7 @@ def train_network(name: str, folder: Path, data: Path | None, steps: int | None,
     if hasattr(module, "STAGES"):  # networks that are learnt one after the other, each from what those before it do
         learnt: list[Any] = []
         for stage, usual in enumerate(module.STAGES):
-            own = replace(settings, steps=steps or usual)
+            own = replace(settings, steps=usual if steps is None else steps)
             recipe = module.recipe(data, folder / "cache", [state.mean.eval() for state in learnt], **otherwise)
             learnt.append(train(recipe, own, folder / f"stage_{stage + 1}"))
         networks, seconds = [state.mean for state in learnt], sum(state.seconds for state in learnt)

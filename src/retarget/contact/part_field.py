@@ -88,15 +88,17 @@ class PartField:
         self, world_rotations: Float[Array, "frames joints 4"], world_positions: Float[Array, "frames joints 3"]
     ) -> tuple[Float[Array, "frames used 3"], Float[Array, "frames used 3 3"]]:
         """The source's posed sensors, which do not change from look to look."""
-        places, frames = self.skinners[0].pose(world_rotations, world_positions)
-        return places[:, self.used], frames[:, self.used]
+        return self._posed(0, world_rotations, world_positions)
 
     def target(
         self, world_rotations: Float[Array, "frames joints 4"], world_positions: Float[Array, "frames joints 3"]
     ) -> tuple[Float[Array, "frames used 3"], Float[Array, "frames used 3 3"]]:
         """The target's posed sensors."""
-        places, frames = self.skinners[1].pose(world_rotations, world_positions)
-        return places[:, self.used], frames[:, self.used]
+        return self._posed(1, world_rotations, world_positions)
+
+    def _posed(self, body: int, world_rotations: Array, world_positions: Array) -> tuple[Array, Array]:
+        places, frames = self.skinners[body].pose(world_rotations, world_positions)
+        return np.take(places, self.used, axis=1), np.take(frames, self.used, axis=1)  # contiguous, as compiled loops want them
 
     def axes(self, world_rotations: Float[Array, "frames joints 4"]) -> Float[Array, "frames bones 4"]:
         """World rotations of the target's bones, from the body's own axes in the common stance."""

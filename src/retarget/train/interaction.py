@@ -205,7 +205,8 @@ def _changes(network: nn.Module, features: Array, turned: Array) -> Array:
 @torch.no_grad()
 def _evened(network: nn.Module, features: Float[Array, "frames features"], turned: Float[Array, "frames SIZE"]) -> Array:
     """The change of corrections in use: by what the network says of the frames and of their mirror images."""
-    own, other = (network(torch.from_numpy(each[:, :SEEN])).numpy() for each in (features, mirror_of_features()(features)))
+    seen = features[:, :SEEN]
+    own, other = (network(torch.from_numpy(each)).numpy() for each in (seen, mirror_of_features().beginning(SEEN)(seen)))
     places, axes, asked = beside_seen(features)
     return part_steps(features, places, axes, turned, asked, 0.5 * (own + mirror_of_said()(other)))
 

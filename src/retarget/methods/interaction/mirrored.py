@@ -34,6 +34,10 @@ class Mirror:
         """Mirrored rows."""
         return values[:, self.rows] * self.signs.astype(values.dtype)
 
+    def beginning(self, count: int) -> Mirror:
+        """Of the first numbers alone, whose images are among themselves."""
+        return Mirror(self.rows[:count], self.signs[:count])
+
 
 def _other(name: str) -> str:
     if name.startswith("left"):

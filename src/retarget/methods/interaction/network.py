@@ -78,8 +78,9 @@ class InteractionNetwork:
         self, number: int, features: Float[Array, "frames features"], turned: Float[Array, "frames SIZE"]
     ) -> Float[Array, "frames SIZE"]:
         """What a look says of poses, evened with what it says of their mirror images: it errs less, and sides are treated alike."""
-        seen = np.concatenate([features, mirror_of_features()(features)])[:, :SEEN]
-        own, other = np.split(self.looks[number].run(None, {"features": seen})[0], 2)
+        seen = features[:, :SEEN]
+        both = np.concatenate([seen, mirror_of_features().beginning(SEEN)(seen)])
+        own, other = np.split(self.looks[number].run(None, {"features": both})[0], 2)
         places, axes, asked = beside_seen(features)
         return part_steps(features, places, axes, turned, asked, 0.5 * (own + mirror_of_said()(other)))
 

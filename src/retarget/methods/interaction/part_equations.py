@@ -79,17 +79,18 @@ def part_steps(
     """
     from retarget.methods.interaction.part_equation_kernels import solve_parts
 
-    figures = np.ascontiguousarray(features[:, : FIGURES * len(PAIRS)], dtype=np.float64).reshape(-1, len(PAIRS), FIGURES)
+    figures = features[:, : FIGURES * len(PAIRS)].reshape(-1, len(PAIRS), FIGURES)
     change = said[:, :SIZE].astype(np.float64)
     pairs = said[:, PAIRED].astype(np.float64).reshape(-1, len(PAIRS), SAYS)
     pairs[..., :FACTORS] = _factor(pairs[..., :FACTORS])
     pairs[..., FACTORS:] *= SHIFT
     steps = np.zeros((len(figures), len(ROWS)))
-    solve_parts(
-        figures, np.ascontiguousarray(places[:, JOINTS]), np.ascontiguousarray(axes[:, JOINTS]), np.ascontiguousarray(turned[:, ROWS]),
-        pairs, _factor(said[:, STIFF]) + DAMPED, CARRIED[0], CARRIED[1], LEVERS,
-        np.ascontiguousarray(asked, dtype=np.float64), _factor(said[:, HELD]), steps,
+    given = (
+        figures, places[:, JOINTS], axes[:, JOINTS], turned[:, ROWS], pairs, _factor(said[:, STIFF]) + DAMPED,
+        CARRIED[0], CARRIED[1], LEVERS, asked, _factor(said[:, HELD]),
     )  # fmt: skip
+    # all alike for the compiled loop, which is else compiled anew for every kind of array
+    solve_parts(*(each if each is LEVERS else np.ascontiguousarray(each, dtype=np.float64) for each in given), steps)
     change[:, ROWS] += steps
     return change
 
