@@ -10,6 +10,7 @@ from made_motions import actor, body, cast_by_names, scaled, turned
 from retarget.body import rotations as rot
 from retarget.body.kinematics import world_pose
 from retarget.contact.part_field import FIGURES, PAIRS, field_sensors, prepare_part_field
+from retarget.contact.part_field_kernels import LIFTED
 from retarget.evaluate.cases import arms_turned, in_other_rest_pose, with_other_joint_axes
 from retarget.motion.library import embedded_motion
 from retarget.motion.touch.mend import frames_of
@@ -76,6 +77,17 @@ def test_what_has_sunk_in_is_told_with_the_way_out():
     assert (hand[:, 15] > own[:, 15] + 0.01).all(), "deeper than a hand that lies on the skin"
     out = hand[:, 16:19] / np.linalg.norm(hand[:, 16:19], axis=1, keepdims=True)
     assert (out[:, 2] > 0.5).all(), "the belly faces forward"
+
+
+def test_what_is_inside_on_the_performer_is_asked_out_a_little():
+    """A heavy performer with a hand in the belly, and the same on the same body: out by no more than surfaces that touch may be apart."""
+    heavy, sunk = actor("heavy"), prepare(actor(), actor("heavy"), "copy-rotations").retargeter(posed()).motion
+    hand = pair(seen(field_of(heavy, heavy), sunk, sunk), "rightHand", "spine")
+    asked = hand[:, 5:8] / hand[:, 1:2]
+    length = np.linalg.norm(asked, axis=1)
+    out = hand[:, 16:19] / np.linalg.norm(hand[:, 16:19], axis=1, keepdims=True)
+    assert (length > 0.5 * LIFTED).all() and (length < 1.01 * LIFTED).all()
+    assert (np.einsum("fi,fi->f", asked, out) > 0.8 * length).all()
 
 
 def test_neither_facing_nor_place_matters():

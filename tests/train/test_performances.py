@@ -25,10 +25,14 @@ def clip():
     return cut(embedded_motion("walk"), 0.0, 2.0)
 
 
-def nearest_of_hands(motion):
+def nearest_of(motion, pairs):
     placed = world_pose(motion)
     seen = field().figures(field().source(*placed), field().target(*placed), *placed)[:, : len(PAIRS) * FIGURES]
-    return seen.reshape(len(motion), len(PAIRS), FIGURES)[:, reaching.HANDS, 0].max(axis=1)
+    return seen.reshape(len(motion), len(PAIRS), FIGURES)[:, pairs, 0].max(axis=1)
+
+
+def nearest_of_hands(motion):
+    return nearest_of(motion, reaching.HANDS)
 
 
 def test_reaching_arms_touch_the_body():
@@ -50,11 +54,23 @@ def test_arms_reach_for_all_parts_but_themselves():
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_bent_legs_keep_the_lowest_foot_where_it_was(seed):
-    bent = performances._bending(clip(), np.random.default_rng(seed))
+    bent = performances._bending(clip(), None, np.random.default_rng(seed))
     lowest = [world_pose(each)[1][:, performances.FEET, 1].min(axis=1) for each in (clip(), bent)]
     assert np.allclose(*lowest, atol=1e-9)
     hips = [each.translations[:, 0, 1] for each in (clip(), bent)]
     assert (hips[1] < hips[0] - 0.03).any()
+
+
+def test_legs_that_touch_do_in_most_poses():
+    def legs(pose):
+        rotations = clip().rotations[:1].copy()
+        rotations[0, [*performances.TRUNK, *performances.LEGS]] = pose
+        return nearest_of(replace(clip(), rotations=rotations, translations=clip().translations[:1]), performances.LOW)[0]
+
+    draw = np.random.default_rng(5)
+    touching = [legs(pose) for pose in performances._touching(clip(), np.arange(8), field(), draw)]
+    bent = [legs(pose) for pose in performances._bent(30, draw)]
+    assert np.mean(np.array(touching) > performances.CLOSE) > 0.8 > 0.4 > np.mean(np.array(bent) > performances.CLOSE)
 
 
 def test_a_performance_is_a_function_of_its_draw():

@@ -34,8 +34,8 @@ COUNT = 700
 """Sensors of a body, about: 5 % of the height from one to the next."""
 FIGURES = 22
 """Numbers of a pair of parts (`part_field_kernels.py`): how close it is on the source, narrowly and widely (2); both times where the
-first part should go against the second (6); where they are closest, from the first part's joint and from the hips (6); by how much the
-first has sunk in, in all and at most (2); which way is out, and where (6)."""
+first part should go against the second, a little out of it where it is inside on the source (6); where they are closest, from the first
+part's joint and from the hips (6); by how much the first has sunk in, in all and at most (2); which way is out, and where (6)."""
 QUARTERS = 4
 """Directions in which a bone's girth is measured."""
 _TRUNK = ("upperChest", "chest", "spine", "hips")

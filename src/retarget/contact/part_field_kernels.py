@@ -14,6 +14,12 @@ WITHIN = 0.02
 """Likewise: pairs of sensors that are farther apart than the closest by this much say nothing."""
 MARGIN, SEEN = 0.012, 0.1
 """Likewise: how far apart surfaces should stay, and how far a sensor looks for the surface that it may be inside of."""
+LIFTED = 0.018
+"""Likewise: how far what is inside of another part on the source is asked to come out on the target, at most: as far as surfaces that
+have touched may part and still do (`contact/detect.py`)."""
+BENEATH = (0.75, 0.9)
+"""How deep a sensor is over how far the nearest of another part is, from which on it may be inside of that, and is: beyond the rim of a
+patch it is below the patch's plane and yet outside."""
 
 
 @njit(**OPTIONS)
@@ -31,13 +37,64 @@ def _closest(places, own, others):
 
 
 @njit(**OPTIONS)
+def _gap(places, frames, i, others, height, outward, normal):
+    """How far a sensor is outside the surface of a run of others, and how far from the nearest: what those about as near say, averaged.
+    `normal` becomes theirs, averaged, by the tangent frames `outward`. Nothing within reach: as far as one looks, and farther."""
+    best = 1e9
+    for j in range(others[0], others[1]):
+        square = 0.0
+        for k in range(3):
+            square += (places[i, k] - places[j, k]) ** 2
+        best = min(best, square)
+    shortest, span = np.sqrt(best), WITHIN * height
+    normal[:] = 0.0
+    if shortest >= SEEN * height:
+        return shortest, shortest
+    total, gap = 0.0, 0.0
+    for j in range(others[0], others[1]):
+        square = 0.0
+        for k in range(3):
+            square += (places[i, k] - places[j, k]) ** 2
+        if square >= (shortest + span) ** 2:
+            continue
+        weight = (1.0 - (np.sqrt(square) - shortest) / span) ** 2
+        total += weight
+        for k in range(3):
+            gap += weight * frames[j, k, 2] * (places[i, k] - places[j, k])
+            normal[k] += weight * outward[j, k, 2]
+    for k in range(3):
+        normal[k] /= total
+    return gap / total, shortest
+
+
+@njit(**OPTIONS)
+def _lifted(source, source_frames, target_frames, own, others, height, out):
+    """Which way, on the target, the first part comes out of the second, which it is inside of on the source; as long as it should
+    come out, in metres of the source."""
+    deepest = 0.0
+    normal = np.empty(3)
+    out[:] = 0.0
+    for i in range(own[0], own[1]):
+        gap, shortest = _gap(source, source_frames, i, others, height, target_frames, normal)
+        beneath = (-gap / max(shortest, 1e-9) - BENEATH[0]) / (BENEATH[1] - BENEATH[0])
+        depth = max(0.0, -gap) * min(max(beneath, 0.0), 1.0)
+        deepest = max(deepest, depth)
+        for k in range(3):
+            out[k] += depth * normal[k]
+    length = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
+    for k in range(3):
+        out[k] *= min(deepest, LIFTED * height) / max(length, 1e-12)
+
+
+@njit(**OPTIONS)
 def _asked(source, source_frames, target, target_frames, own, others, shortest, sizes, root, joint, out):
-    """What the source's closest pairs ask of the target: where the first part should go against the second."""
+    """What the source's closest pairs ask of the target: where the first part should go against the second, and a little out of it
+    where it is inside."""
     source_height, target_height = sizes
     limit = shortest + WITHIN * source_height
     ratio, total = target_height / source_height, 0.0
     move, lever, place = np.zeros(3), np.zeros(3), np.zeros(3)
-    local = np.empty(3)
+    local, lift = np.empty(3), np.empty(3)
     for i in range(own[0], own[1]):
         for j in range(others[0], others[1]):
             square = 0.0
@@ -58,6 +115,10 @@ def _asked(source, source_frames, target, target_frames, own, others, shortest, 
                 move[k] += weight * (ratio * wanted - (target[i, k] - target[j, k]))
                 lever[k] += weight * (target[i, k] - joint[k])
                 place[k] += weight * target[j, k]
+    if shortest < TOUCHING * source_height:
+        _lifted(source, source_frames, target_frames, own, others, source_height, lift)
+        for k in range(3):
+            move[k] += total * ratio * lift[k]
     scale = 1.0 / (max(total, 1e-9) * target_height)
     touching = max(0.0, 1.0 - shortest / (TOUCHING * source_height)) ** 2
     near = max(0.0, 1.0 - shortest / (NEAR * source_height)) ** 2
@@ -77,39 +138,17 @@ def _asked(source, source_frames, target, target_frames, own, others, shortest, 
 @njit(**OPTIONS)
 def _sunk(target, target_frames, own, others, height, root, out):
     """How the first part has sunk into the second on the target: how deep, which way is out, and where."""
-    reach, span = SEEN * height, WITHIN * height
     depth, deepest = 0.0, 0.0
     away, place = np.zeros(3), np.zeros(3)
     normal = np.empty(3)
     for i in range(own[0], own[1]):
-        best = 1e9
-        for j in range(others[0], others[1]):
-            square = 0.0
-            for k in range(3):
-                square += (target[i, k] - target[j, k]) ** 2
-            best = min(best, square)
-        shortest = np.sqrt(best)
-        if shortest >= reach:
-            continue
-        total, gap = 0.0, 0.0
-        normal[:] = 0.0
-        for j in range(others[0], others[1]):
-            square = 0.0
-            for k in range(3):
-                square += (target[i, k] - target[j, k]) ** 2
-            if square >= (shortest + span) ** 2:
-                continue
-            weight = (1.0 - (np.sqrt(square) - shortest) / span) ** 2
-            total += weight
-            for k in range(3):
-                gap += weight * target_frames[j, k, 2] * (target[i, k] - target[j, k])
-                normal[k] += weight * target_frames[j, k, 2]
-        fading = min(1.0, 4.0 * (1.0 - shortest / reach))
-        missing = fading * max(0.0, MARGIN - gap / (total * height))
+        gap, shortest = _gap(target, target_frames, i, others, height, target_frames, normal)
+        fading = min(1.0, 4.0 * max(0.0, 1.0 - shortest / (SEEN * height)))
+        missing = fading * max(0.0, MARGIN - gap / height)
         depth += missing
         deepest = max(deepest, missing)
         for k in range(3):
-            away[k] += missing * normal[k] / total
+            away[k] += missing * normal[k]
             place[k] += missing * (target[i, k] - root[k, 3]) / height
     out[14], out[15] = depth, deepest
     for k in range(3):

@@ -76,7 +76,7 @@ FORMULAS = {
     "net_penetration_ratio": "penetration_percent, likewise",
     "net_contacts_kept": "contacts_kept of the network alone, the worst split; `copy_contacts_kept` likewise of copy-rotations, `net_contacts_gain` the smallest difference of the two on one split",
     "net_frames_per_second": "frames a second on one core, copying and smoothing included; the slowest split",
-    "start_iterations_saved": "1 - set-ups of the solver's equations a frame from the network's start / those from key frames, each in the fewest rounds that come within a thousandth of the energy that the solver ends with (or below it), summed over authored clips on the heavy and the very heavy body; `_of_default` against all of the solver's own rounds",
+    "start_iterations_saved": "1 - set-ups of the solver's equations a frame from the network's start / those from key frames, each in the fewest rounds that come within a thousandth of the energy that the solver ends with (or below it), with either threshold from which on frames that have moved are looked at again; summed over authored clips on the heavy and the very heavy body; `_of_default` against all of the solver's own rounds",
     "start_contacts_gain": "contacts_kept, network and solver less the solver alone; the worst split",
     "dmi_cosine_unseen": "mean cosine of the entries of Ye 2024's field on source and result, unseen bodies and motions, the network alone; `_copy` of copy-rotations",
     # Of the formats bench.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,13 @@ from retarget.character import Motion
 from retarget.methods.interaction.looker import Looker
 from retarget.methods.interaction.method import Interaction
 from retarget.methods.interaction.network import InteractionNetwork
+from retarget.methods.interaction.retargeter import LEARNED_STAYED
 from retarget.motion.align import Actor
 from retarget.motion.touch.equations import Linearised, PoseEquations
 from retarget.motion.touch.faults import needs
 from retarget.motion.touch.goals import ClipGoals
 from retarget.motion.touch.mend import frames_of, solve_clip
-from retarget.motion.touch.solve import CALM, CURVATURE, PRIOR, SPEED, TOGETHER, Solver
+from retarget.motion.touch.solve import CALM, CURVATURE, PRIOR, SPEED, STAYED, TOGETHER, Solver
 
 Array = np.ndarray
 
@@ -51,11 +53,12 @@ class Problem:
     need: Float[Array, "frames"]
     performed: Motion
 
-    def solved(self, start: Array | None, together: int) -> tuple[Float[Array, "frames unknowns"], int]:
+    def solved(self, start: Array | None, together: int, stayed: float) -> tuple[Float[Array, "frames unknowns"], int]:
         """Corrections, and how many frames' equations were set up for them."""
         equations = self.solver.equations
         counting = Counting(**{name: getattr(equations, name) for name in equations.__dataclass_fields__})
-        x = solve_clip(replace(self.solver, equations=counting), self.frames, self.goals, self.fps, start=start, together=together)
+        solver = replace(self.solver, equations=counting)
+        x = solve_clip(solver, self.frames, self.goals, self.fps, start=start, together=together, stayed=stayed)
         return x, counting.count[0]
 
     def energy_above(self, a: Float[Array, "frames unknowns"], b: Float[Array, "frames unknowns"]) -> float:
@@ -91,12 +94,14 @@ def problem(source: Actor, target: Actor, motion: Motion) -> Problem:
 
 
 def rounds(asked: Problem, looker: Looker, network: InteractionNetwork) -> Iterator[dict[str, Any]]:
-    """Energies (less that of the copied pose) and set-ups per frame that needs any, for both starts and one to three rounds."""
+    """Energies (less that of the copied pose) and set-ups per frame that needs any: of both starts, and of none to three rounds each; in
+    rounds that look again at frames that have hardly moved, as the solver's own do, and in such that do not."""
     turned = network.clip(looker, asked.performed, asked.frames, asked.fps)
     said = looker.unknowns.to_solver(turned, world_pose(asked.frames)[0]) * (asked.need > 0)[:, None]
     still, frames = np.zeros_like(said), max(1, int(np.count_nonzero(asked.need)))
-    yield {"start": "network", "rounds": -1, "set_ups": 0.0, "energy": asked.energy_above(still, said)}
-    for name, start in (("keys", None), ("network", said)):
+    yield {"start": "network", "stayed": STAYED, "rounds": -1, "set_ups": 0.0, "energy": asked.energy_above(still, said)}
+    for (name, start), stayed in product((("keys", None), ("network", said)), (STAYED, LEARNED_STAYED)):
         for together in range(TOGETHER + 1):
-            x, count = asked.solved(start, together)
-            yield {"start": name, "rounds": together, "set_ups": count / frames, "energy": asked.energy_above(still, x)}
+            x, count = asked.solved(start, together, stayed)
+            energy = asked.energy_above(still, x)
+            yield {"start": name, "stayed": stayed, "rounds": together, "set_ups": count / frames, "energy": energy}

@@ -42,7 +42,7 @@ from retarget.train.poses import FPS
 
 Array = np.ndarray
 
-TAKES, VALIDATION_TAKES = 209, 6
+TAKES, VALIDATION_TAKES = 337, 6
 WIDTH, DEPTH = 448, 3
 ENERGY = 0.02
 """Energies well beyond this count by their root: few frames must not outweigh all others."""
@@ -56,7 +56,7 @@ FIRST_HELD = 5.0
 """Likewise of distances of hands."""
 SWIFT = 5.0
 """How many times faster what is said of all frames alike is learnt, without decay."""
-SETTINGS = Settings(steps=1_200, batch=512, rate=1e-3, warm=200, decay=1.0, rough=0.9, every=100, checks=400)
+SETTINGS = Settings(steps=1_700, batch=512, rate=1e-3, warm=200, decay=1.0, rough=0.9, every=100, checks=400)
 
 
 class LookNetwork(nn.Module):
@@ -259,7 +259,7 @@ class LookRecipe(Recipe):
         }  # fmt: skip
 
 
-STAGES = (1_200, 800)
+STAGES = (1_700, 1_000)
 """Steps of the networks, one learnt after the other; the second overfits beyond."""
 
 

@@ -2,7 +2,7 @@
 
 A take is one performer, a few clips, a few targets. Clips are of the seen half of the open set (`evaluate/contact_cases.py`, which
 was written down before anything was trained) and of recordings in neither half, as they are or with what `train/performances.py`
-makes of them. Performances are first mended on the performer, so that nothing is inside anything. Bodies are drawn by the seeds of
+makes of them. Performances are first mended on the performer, so that little is inside anything. Bodies are drawn by the seeds of
 `evaluate/scan_split.py`; half of the performers are the embedded `thin`, and some targets are characters of other makers. Every
 take is a function of its number.
 

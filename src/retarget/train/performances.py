@@ -1,7 +1,7 @@
 """Performances that the interaction network learns from: clips of the seen half and of others' recordings, and what is made of them.
 
 Clips are few and most touch nothing, so nearly half of the stretches get arms that reach from place to place on the body
-(`train/reaching.py`), and a quarter get a trunk and legs that bend: crouches, bows, a knee that comes up.
+(`train/reaching.py`), and a quarter get a trunk and legs that bend: crouches, bows, a knee that comes up, legs that cross.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from retarget.body import rotations as rot
 from retarget.body.human import human
 from retarget.body.kinematics import world_pose
 from retarget.character import Motion
-from retarget.contact.part_field import PartField
+from retarget.contact.part_field import FIGURES, PAIRS, PartField
 from retarget.errors import RetargetError
 from retarget.evaluate.contact_cases import CAPTURED, SEEN_MOTIONS
 from retarget.evaluate.scan_split import VALIDATION
@@ -44,6 +44,13 @@ REACHING, BENDING = 0.5, 0.3
 """Shares of stretches with made-up arms, and with made-up legs and trunk."""
 CROSSED = 0.35
 """Share of made-up legs that are crossed."""
+TOUCHING = 0.35
+"""Share of stretches with made-up legs in which, in every pose, shins or feet touch the other leg."""
+LEGS_TRIED, CLOSE, DEEPEST = 600, 0.15, 0.025
+"""Legs that are drawn for such a pose; how close they are (`part_field_kernels`: one where surfaces meet), and no deeper in each other, in
+shares of the height: mending takes it out."""
+LEG_PAIRS = [number for number, (own, other) in enumerate(PAIRS) if own.endswith(("Leg", "Foot")) and other.endswith(("Leg", "Foot"))]
+LOW = [number for number in LEG_PAIRS if not all(part.endswith("UpperLeg") for part in PAIRS[number])]
 TRUNK = (1, 2, 3)
 """Spine, chest, upper chest."""
 FEET = (12, 13, 20, 21)
@@ -73,7 +80,7 @@ def drawn_performance(
     clip = _stretch(clips[_likely(clips, draw)], draw)
     motion = _performed(_mirrored(clip) if draw.random() < 0.5 else clip, source)
     if draw.random() < BENDING:
-        motion = _bending(motion, draw)
+        motion = _bending(motion, field if draw.random() < TOUCHING else None, draw)
     return _reaching(motion, field, draw) if draw.random() < REACHING else motion
 
 
@@ -114,11 +121,12 @@ def _reaching(motion: Motion, field: PartField, draw: np.random.Generator) -> Mo
     return replace(motion, rotations=rotations)
 
 
-def _bending(motion: Motion, draw: np.random.Generator) -> Motion:
-    """Legs and trunk from pose to pose; the lowest foot stays as high as it was."""
+def _bending(motion: Motion, field: PartField | None, draw: np.random.Generator) -> Motion:
+    """Legs and trunk from pose to pose; the lowest foot stays as high as it was. With the body's `field` legs touch each other."""
     rotations = motion.rotations.copy()
     keys = _keys(len(motion), draw)
-    rotations[:, [*TRUNK, *LEGS]] = _between(keys, _bent(len(keys), draw), len(motion))
+    wanted = _bent(len(keys), draw) if field is None else _touching(motion, keys, field, draw)
+    rotations[:, [*TRUNK, *LEGS]] = _between(keys, wanted, len(motion))
     bent = replace(motion, rotations=rotations)
     lifted = [world_pose(each)[1][:, FEET, 1].min(axis=1) for each in (motion, bent)]
     translations = bent.translations.copy()
@@ -126,7 +134,30 @@ def _bending(motion: Motion, draw: np.random.Generator) -> Motion:
     return replace(bent, translations=translations)
 
 
-def _bent(count: int, draw: np.random.Generator) -> Float[Array, "count joints 4"]:
+def _touching(motion: Motion, keys: Int[Array, "keys"], field: PartField, draw: np.random.Generator) -> Float[Array, "keys joints 4"]:
+    """Bent poses in which shins or feet touch the other leg, where some of those drawn do; each of these the one most like the pose
+    before, so that legs do not pass through each other in between."""
+    found: list[Array] = []
+    for key in keys.tolist():
+        drawn = _bent(LEGS_TRIED, draw, 1.0)
+        rotations = np.repeat(motion.rotations[key : key + 1], LEGS_TRIED, axis=0)
+        rotations[:, [*TRUNK, *LEGS]] = drawn
+        translations = np.repeat(motion.translations[key : key + 1], LEGS_TRIED, axis=0)
+        placed = world_pose(replace(motion, rotations=rotations, translations=translations))
+        seen = field.figures(field.source(*placed), field.target(*placed), *placed)[:, : len(PAIRS) * FIGURES]
+        seen = seen.reshape(LEGS_TRIED, len(PAIRS), FIGURES)
+        nearest, deepest = seen[:, LOW, 0].max(axis=1), seen[:, LEG_PAIRS, 15].max(axis=1)
+        good = np.flatnonzero((nearest > CLOSE) & (deepest < DEEPEST))
+        if not len(good):
+            found.append(drawn[(nearest - 10.0 * deepest).argmax()])
+        elif not found:
+            found.append(drawn[good[0]])
+        else:
+            found.append(drawn[good[np.abs((drawn[good] * found[-1]).sum(axis=2)).sum(axis=1).argmax()]])
+    return np.stack(found)
+
+
+def _bent(count: int, draw: np.random.Generator, crossed: float = CROSSED) -> Float[Array, "count joints 4"]:
     """Spines and legs: both legs alike or not, from straight to a deep crouch, apart or crossed, the trunk mostly with them."""
     vectors = np.zeros((count, len(TRUNK) + len(LEGS), 3))
     alike = draw.random(count) < 0.6
@@ -135,7 +166,7 @@ def _bent(count: int, draw: np.random.Generator) -> Float[Array, "count joints 4
     bow = draw.normal(0.25, 0.35, count) + 0.35 * depth.max(axis=1)
     vectors[:, : len(TRUNK), 0] = bow[:, None] / len(TRUNK)
     vectors[:, : len(TRUNK), 1:] = draw.normal(size=(count, 1, 2)) * np.radians([9.0, 6.0])
-    apart = np.radians(np.where(draw.random(count) < CROSSED, draw.normal(-9.0, 6.0, count), draw.normal(10.0, 14.0, count)))
+    apart = np.radians(np.where(draw.random(count) < crossed, draw.normal(-9.0, 6.0, count), draw.normal(10.0, 14.0, count)))
     for place, side in enumerate((1.0, -1.0)):
         thigh, shin, foot, _ = range(len(TRUNK) + 4 * place, len(TRUNK) + 4 * place + 4)
         lift = np.radians(115.0) * depth[:, place] + np.radians(draw.normal(0.0, 8.0, count))

@@ -32,8 +32,8 @@ from retarget.motion.touch.solve import Solver
 
 Array = np.ndarray
 
-LEARNED_TOGETHER = 1
-"""Rounds of a whole clip that starts from what a network says."""
+LEARNED_TOGETHER, LEARNED_STAYED = 1, 0.012
+"""Rounds of a whole clip that starts from what a network says, and radians (or metres) by which frames move that are looked at again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class PreparedInteraction(Retargeter):
         looker, network = self.start
         turned = network.clip(looker, performed, frames, fps)
         start = looker.unknowns.to_solver(turned, world_pose(frames)[0])
-        return solve_clip(self.solver, frames, goals, fps, start=start, together=LEARNED_TOGETHER)
+        return solve_clip(self.solver, frames, goals, fps, start=start, together=LEARNED_TOGETHER, stayed=LEARNED_STAYED)
 
     def step(self, pose: Pose) -> Pose:
         """The next pose online, on top of the copied one; starts where the last frame's solution was. Needs no later

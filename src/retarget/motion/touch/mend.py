@@ -59,11 +59,13 @@ def solve_clip(
     patience: int = 1,
     start: Float[Array, "frames unknowns"] | None = None,
     together: int = TOGETHER,
+    stayed: float = STAYED,
 ) -> Float[Array, "frames unknowns"]:
     """Corrections of a copied clip, in `patience` times the usual number of steps at most. Frames `KEY` apart are solved one
     after the other, beginning at `start` (else at nothing) with what the key before was moved by; the rest is moved by what lies
     between them. Then all are solved as one problem, in `together` steps and more where frames stay deep; beyond the usual
-    number of steps such frames insist. Frames without a fault are not looked at: they stay as copied."""
+    number of steps such frames insist. Frames that have moved by less than `stayed` (radians, or metres) are not looked at again.
+    Frames without a fault are not looked at: they stay as copied."""
     equations, count = solver.equations, len(copied)
     deep = STILL_DEEP * equations.actor.height
     offsets = local_positions(copied.skeleton, copied.translations, copied.moved)
@@ -75,7 +77,7 @@ def solve_clip(
     for turn in range(patience * MOST_TOGETHER if together else 0):
         looked_at = [
             f for f in np.flatnonzero(need).tolist()
-            if turn == 0 or (np.abs(x[f] - found[f].at).max() > STAYED and (turn < patience * together or found[f].deepest > deep))
+            if turn == 0 or (np.abs(x[f] - found[f].at).max() > stayed and (turn < patience * together or found[f].deepest > deep))
         ]  # fmt: skip
         if not looked_at:
             break
