@@ -31,8 +31,8 @@ class LearnedInteraction(CopySettings, Method):
     """Copied rotations, corrected by a network that has learnt what `interaction` does.
 
     Several times as fast, less exact: contacts that a thin performer has lie near their places on other bodies, and most of
-    what sinks in comes out. It knows humanoids alone; joints that it has no place for (tails, capes, second joints of fingers) stay
-    as copied.
+    what sinks in comes out; of what the performer has inside itself, as much as surfaces that touch may be apart. It knows humanoids
+    alone; joints that it has no place for (tails, capes, second joints of fingers) stay as copied.
     """
 
     laws: ClassVar[frozenset[str]] = frozenset(

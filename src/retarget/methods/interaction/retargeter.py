@@ -33,7 +33,8 @@ from retarget.motion.touch.solve import Solver
 Array = np.ndarray
 
 LEARNED_TOGETHER, LEARNED_STAYED = 1, 0.012
-"""Rounds of a whole clip that starts from what a network says, and radians (or metres) by which frames move that are looked at again."""
+"""Rounds of a whole clip that starts from what a network says; and radians, or metres, from which on frames that have moved are looked
+at again."""
 
 
 @dataclass(frozen=True, eq=False)
