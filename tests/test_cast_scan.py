@@ -152,3 +152,10 @@ def test_a_body_is_head_down_only_where_that_fits_better(monkeypatch, head_down,
     monkeypatch.setattr(evidence, "_fits", lambda frames, axis, unit, regressor: evidence.Try(misfits[axis], misfits[axis]))
     seen = evidence.look_at([np.random.default_rng(0).uniform(0, 1.7, (2000, 3))], None, None, 1.0)
     assert [note for note in seen.notes if note.startswith("up axis")] == ([] if chosen == "+y" else [f"up axis {chosen}: the body stands that way"])
+
+
+def test_a_body_that_stands_no_way_up_is_not_said_to(monkeypatch):
+    misfits = {"+y": 0.05, "+z": 0.02, "-y": 0.05, "-z": 0.05}
+    monkeypatch.setattr(evidence, "_fits", lambda frames, axis, unit, regressor: evidence.Try(misfits[axis], np.inf))
+    seen = evidence.look_at([np.random.default_rng(0).uniform(0, 1.7, (2000, 3))], None, None, 1.0)
+    assert seen.notes == ("up axis +z: a body fits best that way, though lying (--up says otherwise)",)

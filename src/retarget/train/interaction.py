@@ -264,12 +264,15 @@ STAGES = (1_700, 1_000)
 
 
 def recipe(data: Path | None, cache: Path, before: Sequence[nn.Module] = ()) -> LookRecipe:
-    """The recipe of the network that comes after those learnt `before`; takes are made, and kept, in `cache`."""
+    """The recipe of the network that comes after those learnt `before`; takes are made, and kept, in `cache`. Files whose measures are
+    all beyond half precision are left out."""
     sets = []
     for which, count in ((TRAINING, TAKES), (VALIDATION, VALIDATION_TAKES)):
         parts = []
         for number, path in enumerate(keep_takes(which, count, data, cache, os.cpu_count() or 1)):
             clips = load_takes([path], data)  # a file at a time: where all sensors are takes much more memory than what is seen
+            if not clips:
+                continue
             frames = first_frames(clips)
             for network in before:
                 frames = later_frames(clips, frames, network, number if which == TRAINING else None)

@@ -79,7 +79,8 @@ def look_at(
             f"{tried[best].misfit * 100:.1f} cm (at most {ENOUGH * 100:.1f}); --up and --unit say how a capture lies"
         )
     if up is None and best != "+y":
-        notes.append(f"up axis {best}: the body stands that way")
+        stands = np.isfinite(tried[best].standing)
+        notes.append(f"up axis {best}: " + ("the body stands that way" if stands else "a body fits best that way, though lying (--up says otherwise)"))
     return Seen(Similarity(rot.swing_between(AXES[best], AXES["+y"]), unit), tuple(notes))
 
 
