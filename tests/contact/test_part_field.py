@@ -9,6 +9,7 @@ from made_motions import actor, body, cast_by_names, scaled, turned
 
 from retarget.body import rotations as rot
 from retarget.body.kinematics import world_pose
+from retarget.contact.detect import LEAVE, THRESHOLD
 from retarget.contact.part_field import FIGURES, PAIRS, field_sensors, prepare_part_field
 from retarget.contact.part_field_kernels import LIFTED
 from retarget.evaluate.cases import arms_turned, in_other_rest_pose, with_other_joint_axes
@@ -85,6 +86,7 @@ def test_what_is_inside_on_the_performer_is_asked_out_a_little():
     hand = pair(seen(field_of(heavy, heavy), sunk, sunk), "rightHand", "spine")
     asked = hand[:, 5:8] / hand[:, 1:2]
     length = np.linalg.norm(asked, axis=1)
+    assert np.isclose(LIFTED, LEAVE * THRESHOLD)
     out = hand[:, 16:19] / np.linalg.norm(hand[:, 16:19], axis=1, keepdims=True)
     assert (length > 0.5 * LIFTED).all() and (length < 1.01 * LIFTED).all()
     assert (np.einsum("fi,fi->f", asked, out) > 0.8 * length).all()

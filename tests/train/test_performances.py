@@ -8,7 +8,6 @@ import pytest
 from made_motions import actor
 
 from retarget.body.kinematics import world_pose
-from retarget.contact.part_field import FIGURES, PAIRS
 from retarget.methods.interaction.looker import prepare_looker
 from retarget.motion.filter import cut
 from retarget.motion.library import embedded_motion
@@ -26,9 +25,7 @@ def clip():
 
 
 def nearest_of(motion, pairs):
-    placed = world_pose(motion)
-    seen = field().figures(field().source(*placed), field().target(*placed), *placed)[:, : len(PAIRS) * FIGURES]
-    return seen.reshape(len(motion), len(PAIRS), FIGURES)[:, pairs, 0].max(axis=1)
+    return reaching.figures_of_pairs(motion, field())[:, pairs, 0].max(axis=1)
 
 
 def nearest_of_hands(motion):

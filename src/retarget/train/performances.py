@@ -17,7 +17,7 @@ from retarget.body import rotations as rot
 from retarget.body.human import human
 from retarget.body.kinematics import world_pose
 from retarget.character import Motion
-from retarget.contact.part_field import FIGURES, PAIRS, PartField
+from retarget.contact.part_field import PAIRS, PartField
 from retarget.errors import RetargetError
 from retarget.evaluate.contact_cases import CAPTURED, SEEN_MOTIONS
 from retarget.evaluate.scan_split import VALIDATION
@@ -25,7 +25,7 @@ from retarget.motion.align import Actor
 from retarget.motion.library import embedded_motion
 from retarget.motion.touch.mend import frames_of
 from retarget.train.poses import ARMS, FPS, LEGS, copied_clips, other_side
-from retarget.train.reaching import SIDES, reaching_arms
+from retarget.train.reaching import SIDES, figures_of_pairs, reaching_arms
 
 Array = np.ndarray
 
@@ -143,9 +143,7 @@ def _touching(motion: Motion, keys: Int[Array, "keys"], field: PartField, draw: 
         rotations = np.repeat(motion.rotations[key : key + 1], LEGS_TRIED, axis=0)
         rotations[:, [*TRUNK, *LEGS]] = drawn
         translations = np.repeat(motion.translations[key : key + 1], LEGS_TRIED, axis=0)
-        placed = world_pose(replace(motion, rotations=rotations, translations=translations))
-        seen = field.figures(field.source(*placed), field.target(*placed), *placed)[:, : len(PAIRS) * FIGURES]
-        seen = seen.reshape(LEGS_TRIED, len(PAIRS), FIGURES)
+        seen = figures_of_pairs(replace(motion, rotations=rotations, translations=translations), field)
         nearest, deepest = seen[:, LOW, 0].max(axis=1), seen[:, LEG_PAIRS, 15].max(axis=1)
         good = np.flatnonzero((nearest > CLOSE) & (deepest < DEEPEST))
         if not len(good):

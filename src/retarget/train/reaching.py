@@ -74,11 +74,17 @@ def reaching_arms(motion: Motion, frame: int, field: PartField, draw: np.random.
     for row, (one, other) in enumerate(product(*found)):
         tried[row, first.joints], tried[row, second.joints] = one, other
     count = len(tried)
-    placed = world_pose(replace(pose, rotations=tried, translations=np.repeat(pose.translations, count, axis=0)))
-    seen = field.figures(field.source(*placed), field.target(*placed), *placed)[:, : len(PAIRS) * FIGURES].reshape(count, len(PAIRS), FIGURES)
+    seen = figures_of_pairs(replace(pose, rotations=tried, translations=np.repeat(pose.translations, count, axis=0)), field)
     nearest, deepest = seen[:, HANDS, 0].max(axis=1), seen[:, ARM_PAIRS, 15].max(axis=1)
     good = np.flatnonzero((nearest > CLOSE) & (deepest < DEEPEST))
     return tried[good[0] if len(good) else (nearest - 10.0 * deepest).argmax()][list(ARMS)]
+
+
+def figures_of_pairs(motion: Motion, field: PartField) -> Float[Array, "frames pairs figures"]:
+    """What a body's own field sees of its poses."""
+    placed = world_pose(motion)
+    seen = field.figures(field.source(*placed), field.target(*placed), *placed)[:, : len(PAIRS) * FIGURES]
+    return seen.reshape(len(motion), len(PAIRS), FIGURES)
 
 
 def _reached(pose: Motion, arm: Arm, field: PartField, draw: np.random.Generator) -> Float[Array, "best 4 4"]:
